@@ -1,0 +1,39 @@
+.DEFAULT_GOAL := help
+PYTHON ?= python3
+BIN := .venv/bin
+DATA ?= $(or $(BUNRAKU_DATA),../shared/data)
+TEST_WORKERS ?= 2
+
+help: ## list these targets
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
+
+.venv/.installed: pyproject.toml constraints.txt
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	@touch $@
+
+install: .venv/.installed ## make .venv and install the package with its tools
+
+demo: install ## animate the built-in figures; results in demo/
+	$(BIN)/bunraku demo -o demo
+
+test: install ## run the tests
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -q -n $(TEST_WORKERS) --dist loadfile
+
+lint: install ## format check, lint, types
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+
+format: install ## put every file in the project's format
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+evaluate: install ## the paper's tables on the evaluation data (DATA=folder)
+	$(BIN)/bunraku evaluate weights --data $(DATA)/weights
+	$(BIN)/bunraku evaluate retarget --data $(DATA)
+
+bench: install ## how the cost of each stage grows
+	$(BIN)/python bench/stages.py
+
+.PHONY: help install demo test lint format evaluate bench

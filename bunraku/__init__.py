@@ -1,0 +1,3 @@
+"""Make any unrigged 3D figure move."""
+
+__version__ = "0.1.0"

@@ -1,0 +1,86 @@
+"""Imports point one way, and heavy packages stay where they belong."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+import bunraku
+
+ROOT = Path(bunraku.__file__).parent
+ARITHMETIC = {"rotations", "skinning", "meshes", "spectral", "graphs"}
+BORDERS = {"formats", "builtin"}  # see nouns and arithmetic; algorithms and routes never see them
+LAYERS = [
+    {"types"},
+    ARITHMETIC,
+    BORDERS,
+    {
+        *{"proxy", "matching", "registration", "weights", "skeletons", "reposing"},
+        *{"depth", "curves", "bones", "embedding", "retargeting"},
+    },
+    {"neural"},
+    {"routes"},
+    {"evaluate"},
+    {"cli", "studio"},
+]  # a module imports from its own layer and earlier ones
+HEAVY = {"torch": {"neural"}, "typer": {"cli"}, "rich": {"cli", "evaluate"}, "anny": set()}
+FILES = sorted(
+    path for path in ROOT.rglob("*.py") if path.stem != "__init__" or path.parent != ROOT
+)
+
+
+def imported(path: Path) -> set[str]:
+    names = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names.add(node.module)
+            if node.module == "bunraku":
+                names |= {f"bunraku.{alias.name}" for alias in node.names}
+    return names - {"bunraku"}
+
+
+def top(path: Path) -> str:
+    return path.relative_to(ROOT).with_suffix("").parts[0]
+
+
+def name(path: Path) -> str:
+    return path.relative_to(ROOT).as_posix()
+
+
+@pytest.mark.parametrize("path", FILES, ids=name)
+def test_imports_point_one_way(path):
+    rank = {name: i for i, layer in enumerate(LAYERS) for name in layer}
+    for imports in imported(path):
+        package, _, rest = imports.partition(".")
+        if package == "bunraku" and rest != "__version__":
+            inner = rest.split(".")[0]
+            assert rank[inner] <= rank[top(path)], f"{top(path)} imports {imports}"
+            if top(path) in BORDERS:
+                assert inner in {"types", *ARITHMETIC, top(path)}, f"{top(path)} imports {imports}"
+            elif rank[top(path)] < len(LAYERS) - 3:
+                assert inner not in BORDERS, f"{top(path)} reads files itself: {imports}"
+
+
+@pytest.mark.parametrize("path", FILES, ids=name)
+def test_heavy_packages_stay_in_their_rooms(path):
+    for imports in imported(path):
+        package = imports.split(".")[0]
+        assert top(path) in HEAVY.get(package, {top(path)}), f"{top(path)} imports {package}"
+
+
+@pytest.mark.parametrize("path", FILES, ids=name)
+def test_files_and_functions_stay_small(path):
+    text = path.read_text()
+    assert text.count("\n") <= 400
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.FunctionDef):
+            documented = len((ast.get_docstring(node) or "").splitlines())
+            size = node.end_lineno - node.lineno + 1 - documented
+            assert size <= 60, f"{node.name} has {size} lines"
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "routes").glob("from_*.py")), ids=name)
+def test_routes_read_on_one_screen_or_two(path):
+    assert len(path.read_text().splitlines()) < 120
