@@ -1,0 +1,155 @@
+"""Fit a puppet to a surface by Gauss-Newton over its joints' turns and bone scales.
+
+Each step pairs the surfaces both ways and solves one small dense system: point-to-plane with a
+share of point-to-point, turns kept small, scales kept near their parent's.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg import cho_factor, cho_solve
+
+from bunraku.registration.correspondence import Pairs, Surface, find_pairs, misfit, robust_weights
+from bunraku.registration.puppet import Pose, Puppet, move_puppet, step_pose
+from bunraku.rotations import matrices_to_vectors
+from bunraku.types import NO_PARENT
+
+LARGEST_STEP = 0.6  # radians, log-scale or lengths: one step changes nothing by more
+CROSS = np.zeros((3, 3, 3))  # cross(w, b)_a = CROSS[a, r, c] w_r b_c
+CROSS[[0, 1, 2], [1, 2, 0], [2, 0, 1]] = 1.0
+CROSS[[0, 1, 2], [2, 0, 1], [1, 2, 0]] = -1.0
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One stage of a fit, from stiff and far-sighted to loose and near-sighted."""
+
+    steps: int
+    queries: int  # samples of each side that ask for their nearest
+    normals: float  # weight of normals in the search, in units of sqrt(area)
+    width: float  # of the robust weight, in units of sqrt(area)
+    points: float  # share of point-to-point beside point-to-plane
+    turns: float  # cost of a joint's turn away from rest
+    scales: float  # cost of a bone's scale away from its parent's
+    samples: int = 1500
+
+
+# Schedules of notes/correspondence.md section 12 (there also tried: fewer headings, descriptors)
+COARSE = (
+    Stage(6, 250, 0.1, 0.5, 1.0, 1e-3, 1e-1),
+    Stage(6, 250, 0.1, 0.3, 1.0, 3e-4, 3e-2),
+    Stage(8, 250, 0.1, 0.2, 0.5, 1e-4, 1e-2),
+)
+FINE = (
+    Stage(6, 500, 0.1, 0.15, 0.3, 3e-5, 3e-3),
+    Stage(8, 500, 0.08, 0.1, 0.2, 1e-5, 1e-3),
+    Stage(8, 500, 0.05, 0.06, 0.1, 1e-5, 3e-4),
+)
+
+
+def fit(puppet: Puppet, pose: Pose, surface: Surface, schedule: tuple[Stage, ...]) -> Pose:
+    """Run a schedule of Gauss-Newton steps from a start pose."""
+    for stage in schedule:
+        for _ in range(stage.steps):
+            samples = puppet.samples[: stage.samples]
+            pairs = find_pairs(
+                move_puppet(puppet, pose, samples),
+                samples,
+                surface,
+                normal_weight=stage.normals,
+                queries=stage.queries,
+            )
+            pose = gauss_newton_step(puppet, pose, surface, pairs, stage)
+    return pose
+
+
+def fit_error(puppet: Puppet, pose: Pose, surface: Surface) -> float:
+    """Give the misfit of a posed puppet (0 perfect, 2 nowhere near)."""
+    samples = puppet.samples[:1500]
+    return misfit(move_puppet(puppet, pose, samples), samples, surface)
+
+
+def gauss_newton_step(
+    puppet: Puppet, pose: Pose, surface: Surface, pairs: Pairs, stage: Stage
+) -> Pose:
+    """Solve one linearised fit and apply it, no unknown by more than LARGEST_STEP."""
+    jacobian, moved = motion_jacobian(puppet, pose, pairs.moving)
+    residual = surface.vertices[pairs.still] - moved
+    normal = surface.normals[pairs.still]
+    weight = robust_weights(pairs.squared, stage.width)
+    weight /= weight.sum()
+    on_plane = np.einsum("pa,pau->pu", normal, jacobian)
+    hessian = on_plane.T @ (weight[:, None] * on_plane)
+    gradient = on_plane.T @ (weight * np.einsum("pa,pa->p", normal, residual))
+    flat = jacobian.reshape(len(residual) * 3, -1)
+    each = np.repeat(stage.points * weight, 3)
+    hessian += flat.T @ (each[:, None] * flat)
+    gradient += flat.T @ (each * residual.ravel())
+    add_priors(hessian, gradient, puppet, pose, stage)
+    return apply_step(puppet, pose, cho_solve(cho_factor(hessian), gradient))
+
+
+def apply_step(puppet: Puppet, pose: Pose, step: Float[np.ndarray, " unknowns"]) -> Pose:
+    """Apply a step of [turns, log-scales along, across, root], shortened to LARGEST_STEP."""
+    step = step * min(1.0, LARGEST_STEP / max(float(np.abs(step).max()), 1e-12))
+    count = len(puppet.parents)
+    turns, scales, shift = np.split(step, [3 * count, 5 * count])
+    return step_pose(puppet, pose, turns.reshape(-1, 3), scales.reshape(2, -1).T, shift)
+
+
+def motion_jacobian(
+    puppet: Puppet, pose: Pose, chosen: np.ndarray
+) -> tuple[Float[np.ndarray, "chosen 3 unknowns"], Float[np.ndarray, "chosen 3"]]:
+    """Differentiate chosen vertices by turns, scales along and across, and the root's place."""
+    turns, linear, anchors = pose.world(puppet)
+    weights, count = puppet.weights[chosen], len(puppet.parents)
+    offsets = anchors - np.einsum("jab,jb->ja", linear, puppet.anchors)
+    carried = np.einsum("jab,vb->vja", linear, puppet.vertices[chosen]) + offsets
+    weighted = weights[:, :, None] * carried
+    share = weights @ puppet.below.T  # of each joint's whole subtree
+    lever = np.einsum("jk,vka->vja", puppet.below, weighted, optimize=True)
+    lever -= share[:, :, None] * anchors
+    jacobian = np.empty((len(weights), 3, 5 * count + 3))
+    by_turn = np.einsum("arc,vjc->vajr", CROSS, lever, optimize=True)
+    jacobian[:, :, : 3 * count] = by_turn.reshape(len(weights), 3, -1)
+    # a scale moves its own surface away from the anchor, and the subtrees with their anchors
+    reach = weighted - weights[:, :, None] * anchors
+    reach += np.einsum("jk,vk,ka->vja", puppet.children, share, anchors, optimize=True)
+    reach -= (share @ puppet.children.T)[:, :, None] * anchors
+    direction = np.einsum("jab,jb->ja", turns, puppet.axes)
+    along = np.einsum("vja,ja->vj", reach, direction)[:, :, None] * direction
+    jacobian[:, :, 3 * count : 4 * count] = along.transpose(0, 2, 1)
+    jacobian[:, :, 4 * count : 5 * count] = (reach - along).transpose(0, 2, 1)
+    jacobian[:, :, 5 * count :] = np.eye(3)
+    return jacobian, weighted.sum(axis=1)
+
+
+def add_priors(
+    hessian: Float[np.ndarray, "unknowns unknowns"],
+    gradient: Float[np.ndarray, " unknowns"],
+    puppet: Puppet,
+    pose: Pose,
+    stage: Stage,
+) -> None:
+    """Add, in place, the costs of turning (not the root) and of scaling unlike the parent."""
+    count = len(puppet.parents)
+    child = np.flatnonzero(puppet.parents != NO_PARENT)
+    turns, _, _ = pose.world(puppet)
+    above = np.concatenate([np.eye(3)[None], turns])[puppet.parents + 1]
+    vectors = np.einsum("jab,jb->ja", above, matrices_to_vectors(pose.rotations))
+    vectors[puppet.parents == NO_PARENT] = 0.0
+    turning = np.repeat(puppet.parents != NO_PARENT, 3) * stage.turns
+    gradient[: 3 * count] -= turning * vectors.ravel()
+    difference = np.eye(count)
+    difference[child, puppet.parents[child]] = -1.0
+    difference[puppet.parents == NO_PARENT] *= 0.3
+    smooth = stage.scales * (difference.T @ difference + 0.2 * np.eye(count))
+    tie = 0.3 * stage.scales * np.eye(count)  # along and across alike, unless the surface insists
+    block = np.block([[smooth + tie, -tie], [-tie, smooth + tie]])
+    both = slice(3 * count, 5 * count)
+    hessian[both, both] += block
+    gradient[both] -= block @ pose.scales.T.ravel()
+    diagonal = np.arange(len(hessian))
+    hessian[diagonal, diagonal] += 1e-7
+    hessian[diagonal[: 3 * count], diagonal[: 3 * count]] += turning
