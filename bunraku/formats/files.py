@@ -1,0 +1,148 @@
+"""Bytes in and out: reading with a cap, files named by other files, writing that is never torn."""
+
+import os
+import secrets
+import stat
+from contextlib import suppress
+from pathlib import Path
+from urllib.parse import unquote
+
+from bunraku.types import FormatError
+
+LARGEST_FILE = 2 << 30
+Location = str | os.PathLike[str]
+
+
+def read_bytes(path: Location, *, limit: int = LARGEST_FILE) -> bytes:
+    """Read a whole file of at most `limit` bytes.
+
+    Raises:
+        FormatError: if there is no such file, or it is no regular file, unreadable, empty or
+            larger than the limit.
+    """
+    try:
+        with open(path, "rb") as stream:
+            status = os.fstat(stream.fileno())
+            if not stat.S_ISREG(status.st_mode):
+                raise FormatError(path, "", "is a device or pipe; give a regular file")
+            if status.st_size > limit:
+                raise FormatError(
+                    path, "", f"has {status.st_size} bytes, more than the {limit} allowed"
+                )
+            content = stream.read(limit + 1)
+    except (OSError, ValueError) as error:
+        if isinstance(error, FormatError):
+            raise
+        raise FormatError(path, "", _reading_trouble(error)) from None
+    if not content:
+        raise FormatError(path, "", "is empty (0 bytes); export or download it again")
+    if len(content) > limit:
+        raise FormatError(path, "", f"grew past {limit} bytes while it was read")
+    return content
+
+
+def read_beside(
+    path: Location, uri: str, *, where: str = "", limit: int = LARGEST_FILE
+) -> bytes:
+    """Read a file that `path` names by a relative URI; it may not leave the folder of `path`.
+
+    Args:
+        path: the file that holds the URI.
+        uri: as written there; percent escapes are decoded first.
+        where: place of the URI in `path`, for the message.
+        limit: largest size in bytes.
+
+    Raises:
+        FormatError: about `path`, if the URI has a scheme, is absolute, leaves the folder (also
+            through a link) or names no readable regular file.
+    """
+    folder = Path(path).resolve().parent
+    name = unquote(uri)
+    shown = uri if len(uri) <= 60 else uri[:57] + "..."
+    forbidden = "\\" in name or ":" in name or not name.isprintable() or name.startswith("/")
+    try:
+        beside = (folder / name).resolve()
+        if forbidden or not beside.is_relative_to(folder):
+            raise FormatError(
+                path, where, f"refers to {shown!r}; only a relative path inside its folder is read"
+            )
+        if not beside.is_file():
+            raise FormatError(path, where, f"refers to {shown!r}, which is missing; put it beside")
+        return read_bytes(beside, limit=limit)
+    except (OSError, ValueError, RuntimeError) as error:
+        if isinstance(error, FormatError) and error.path == str(path):
+            raise
+        reason = error.message if isinstance(error, FormatError) else "cannot be a file name"
+        raise FormatError(path, where, f"refers to {shown!r}, which {reason}") from None
+
+
+def write_atomically(path: Location, content: bytes) -> None:
+    """Replace a file in one step: whoever looks sees the old bytes or all of the new ones.
+
+    Raises:
+        FormatError: if it cannot be written; nothing is left behind then.
+    """
+    target = Path(os.path.realpath(path))
+    _refuse_target(path, target)
+    partial = target.with_name(f".{target.name[:40]}.{secrets.token_hex(6)}")
+    try:
+        with open(partial, "xb") as stream:
+            stream.write(content)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.replace(partial, target)
+        _sync_folder(target.parent)
+    except BaseException as error:
+        with suppress(OSError):
+            partial.unlink()
+        if isinstance(error, OSError | ValueError):
+            raise FormatError(path, "", _writing_trouble(error)) from None
+        raise
+
+
+def _refuse_target(path: Location, target: Path) -> None:
+    """Raise a FormatError if something that must stay is where the file would go."""
+    if target.is_dir():
+        raise FormatError(path, "", "is a folder; name a file to write")
+    if target.exists() and not target.is_file():
+        raise FormatError(path, "", "is a device or pipe; name a file to write")
+    if target.exists() and not os.access(target, os.W_OK):
+        raise FormatError(path, "", "is write-protected; choose another name")
+
+
+def _sync_folder(folder: Path) -> None:
+    """Make the renaming itself survive a power cut, where the system can."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        with suppress(OSError):  # some file systems cannot sync a folder
+            os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _reading_trouble(error: Exception) -> str:
+    """Say why a file cannot be read, and what to do."""
+    match error:
+        case FileNotFoundError():
+            return "does not exist; check the name and the folder"
+        case IsADirectoryError():
+            return "is a folder; give a file"
+        case PermissionError():
+            return "may not be read; check its permissions"
+        case OSError():
+            return f"cannot be read ({error.strerror}); check the name"
+    return "cannot be a file name"
+
+
+def _writing_trouble(error: Exception) -> str:
+    """Say why a file cannot be written, and what to do."""
+    match error:
+        case FileNotFoundError():
+            return "cannot be written: its folder does not exist; create it first"
+        case NotADirectoryError():
+            return "cannot be written: its folder is a file"
+        case PermissionError():
+            return "cannot be written: permission denied; choose another folder"
+        case OSError():
+            return f"cannot be written ({error.strerror}); choose another place"
+    return "cannot be a file name"

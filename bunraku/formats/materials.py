@@ -1,0 +1,111 @@
+"""Wavefront MTL: names, diffuse colours and textures that lie inside the OBJ's folder."""
+
+import io
+import logging
+import warnings
+from collections.abc import Sequence
+
+from PIL import Image
+
+from bunraku.formats.files import Location, read_beside
+from bunraku.formats.pieces import Material
+from bunraku.types import FormatError
+
+LARGEST_LIBRARY, LARGEST_TEXTURE, MOST_PIXELS = 64 << 20, 256 << 20, 64_000_000
+_OPTION_LENGTHS = {"-o": 3, "-s": 3, "-t": 3, "-mm": 2}  # numbers after it; other options have one
+
+logger = logging.getLogger(__name__)
+
+
+def read_materials(path: Location, library_lines: Sequence[str]) -> list[Material]:
+    """Read the material libraries that an OBJ names; one that cannot be read is a warning."""
+    materials: dict[str, Material] = {}
+    for line in library_lines:
+        for name in _library_names(path, line.partition(" ")[2].strip()):
+            try:
+                content = read_beside(path, name, limit=LARGEST_LIBRARY)
+            except FormatError as error:
+                logger.warning("%s: mtllib %s; materials are left out", path, error.message)
+                continue
+            for material in _parse_library(path, content.decode("utf-8", "replace")):
+                materials.setdefault(material.name, material)
+    return list(materials.values())
+
+
+def _library_names(path: Location, words: str) -> list[str]:
+    """Split the names after mtllib, unless they are one name with spaces in it."""
+    try:
+        read_beside(path, words, limit=LARGEST_LIBRARY)
+    except FormatError:
+        return words.split()
+    return [words]
+
+
+def _parse_library(path: Location, text: str) -> list[Material]:
+    """Read the materials of a library, in order."""
+    entries: list[dict[str, str]] = []
+    for line in text.replace("\t", " ").splitlines():
+        keyword, _, words = line.strip().partition(" ")
+        if keyword == "newmtl":
+            entries.append({"newmtl": words.strip()})
+        elif entries and words:
+            entries[-1][keyword.lower()] = words.strip()
+    return [_material(path, entry) for entry in entries]
+
+
+def _material(path: Location, entry: dict[str, str]) -> Material:
+    """Build a material of its MTL lines; what makes no sense keeps its default."""
+    image_name = _texture_name(entry.get("map_kd", ""))
+    image = _read_texture(path, image_name) if image_name else b""
+    default = [0.8, 0.8, 0.8] if not image else [1.0, 1.0, 1.0]
+    colour = _fractions(entry.get("kd", "")) or default
+    if image and not any(colour):
+        colour = [1.0, 1.0, 1.0]  # exporters write black under a texture and mean the texture
+    opacity = (_fractions(entry.get("d", "").removeprefix("-halo")) or [1.0])[0]
+    transparency = (_fractions(entry.get("tr", "")) or [1.0 - opacity])[0]
+    red, green, blue = (linear_from_srgb(channel) for channel in (colour * 3)[:3])
+    return Material(entry["newmtl"], (red, green, blue, 1.0 - transparency), image, image_name)
+
+
+def linear_from_srgb(channel: float) -> float:
+    """Turn a displayed colour, 0 to 1, into a linear one, as glTF stores it (IEC 61966-2-1)."""
+    return channel / 12.92 if channel <= 0.04045 else ((channel + 0.055) / 1.055) ** 2.4
+
+
+def _fractions(words: str) -> list[float]:
+    """Read numbers, kept within 0 and 1; an empty list if one of them is none."""
+    try:
+        return [min(max(float(word), 0.0), 1.0) for word in words.split()]
+    except ValueError:
+        return []
+
+
+def _texture_name(words: str) -> str:
+    """Give the file name after the options of a map line; the name may hold spaces."""
+    left = words.split(" ")
+    while left and left[0].startswith("-"):
+        option = left.pop(0)
+        for _ in range(_OPTION_LENGTHS.get(option, 1)):
+            if left and (_OPTION_LENGTHS.get(option, 1) == 1 or _fractions(left[0])):
+                left.pop(0)
+    return " ".join(left).strip()
+
+
+def _read_texture(path: Location, name: str) -> bytes:
+    """Read a picture as PNG or JPEG bytes; nothing, with a warning, if that cannot be done."""
+    try:
+        content = read_beside(path, name.replace("\\", "/"), limit=LARGEST_TEXTURE)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", Image.DecompressionBombWarning)
+            picture = Image.open(io.BytesIO(content))
+            if picture.width * picture.height > MOST_PIXELS:
+                raise ValueError("more than 64 million pixels")
+            if picture.format in ("PNG", "JPEG"):
+                return content
+            stream = io.BytesIO()
+            picture.convert("RGBA").save(stream, "PNG")
+            return stream.getvalue()
+    except (FormatError, OSError, ValueError, Warning, SyntaxError) as error:
+        reason = error.message if isinstance(error, FormatError) else f"{name!r}: {error}"
+        logger.warning("%s: map_Kd %s; the texture is left out", path, reason)
+        return b""

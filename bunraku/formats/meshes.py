@@ -1,0 +1,160 @@
+"""PLY, STL and OFF through trimesh, behind checks of what their headers claim; OBJ and PLY out."""
+
+import io
+import logging
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from bunraku.formats.files import Location
+from bunraku.formats.headers import check_off, check_ply, check_stl
+from bunraku.formats.obj import read_obj
+from bunraku.formats.pieces import Material, Piece
+from bunraku.types import FormatError, Mesh
+
+MOST_VERTICES = 5_000_000
+_LARGEST_COORDINATE = 1e37  # room for products in float32, which GLB stores
+
+logger = logging.getLogger(__name__)
+
+
+def read_pieces(
+    path: Location, content: bytes, kind: str
+) -> tuple[list[Piece], list[Material]]:
+    """Read an OBJ, PLY, STL or OFF into triangulated pieces, vertices as stored.
+
+    A PLY without faces is one piece without faces, a point cloud.
+
+    Raises:
+        FormatError: if the file is damaged, or holds no geometry.
+    """
+    if kind == "obj":
+        pieces, materials = read_obj(path, content)
+    else:
+        pieces, materials = _read_with_trimesh(path, content, kind), []
+    count = sum(len(piece.positions) for piece in pieces)
+    if not count:
+        raise FormatError(path, "", "holds no vertices; export it again with geometry")
+    if count > MOST_VERTICES:
+        raise FormatError(path, "", f"has {count} vertices, at most {MOST_VERTICES}; decimate it")
+    for piece in pieces:
+        _check_piece(path, piece)
+    _check_extent(path, pieces)
+    return pieces, materials
+
+
+def _check_piece(path: Location, piece: Piece) -> None:
+    """Refuse coordinates and indices that mean nothing."""
+    wrong = ~(np.abs(piece.positions) < _LARGEST_COORDINATE).all(axis=1)
+    if wrong.any():
+        first = int(wrong.argmax())
+        raise FormatError(
+            path,
+            f"vertex {first}",
+            f"is {piece.positions[first].tolist()}; wanted finite numbers, export it again",
+        )
+    outside = ((piece.faces < 0) | (piece.faces >= len(piece.positions))).any(axis=1)
+    if outside.any():
+        first = int(outside.argmax())
+        raise FormatError(
+            path,
+            f"face {first}",
+            f"is {piece.faces[first].tolist()}, but there are {len(piece.positions)} vertices, "
+            "counted from 0; export it again",
+        )
+
+
+def _check_extent(path: Location, pieces: list[Piece]) -> None:
+    """Refuse a figure of which all triangles are points or lie on one line."""
+    area = 0.0
+    for piece in pieces:
+        corners = piece.positions[piece.faces] / (np.abs(piece.positions).max() or 1.0)
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        area += float(np.linalg.norm(normals, axis=1).sum())
+    if any(len(piece.faces) for piece in pieces) and area <= 1e-14:
+        raise FormatError(path, "", "has faces, but no area: they are points or lines; check it")
+
+
+def _read_with_trimesh(path: Location, content: bytes, kind: str) -> list[Piece]:
+    """Check the header, then let trimesh read; whatever it raises becomes a FormatError."""
+    from trimesh.exchange import off, ply, stl  # takes 0.3 s, and only these three formats need it
+
+    check, load = {
+        "ply": (check_ply, ply.load_ply),
+        "stl": (check_stl, stl.load_stl),
+        "off": (check_off, off.load_off),
+    }[kind]
+    content = check(path, content)
+    try:
+        with np.errstate(all="ignore"):
+            loaded = load(io.BytesIO(content))
+            solids = loaded.get("geometry", {"": loaded})
+            return [_piece(name, solid) for name, solid in solids.items()]
+    except Exception as error:  # trimesh raises almost anything on damaged files
+        reason = " ".join(str(error).split())[:80]
+        raise FormatError(
+            path, "", f"is a damaged {kind.upper()} file ({type(error).__name__}: {reason})"
+        ) from None
+
+
+def _piece(name: str, loaded: dict[str, Any]) -> Piece:
+    """Take the arrays that we keep out of trimesh's."""
+    positions = np.asarray(loaded["vertices"], np.float64).reshape(-1, 3)
+    faces = loaded.get("faces")
+    faces = np.empty((0, 3)) if faces is None or not len(faces) else np.asarray(faces)
+    if faces.shape[1] == 4:
+        faces = faces[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
+    count = len(positions)
+    return Piece(
+        name,
+        positions,
+        faces.astype(np.int64),
+        normals=_per_vertex(loaded.get("vertex_normals"), count),
+        uvs=_per_vertex(getattr(loaded.get("visual"), "uv", None), count),
+        colours=_colours(loaded.get("vertex_colors"), count),
+    )
+
+
+def _per_vertex(values: object, count: int) -> np.ndarray | None:
+    """Keep values if there is one for every vertex and all are finite."""
+    rows = None if values is None else np.asarray(values, np.float64)
+    return rows if rows is not None and len(rows) == count and np.isfinite(rows).all() else None
+
+
+def _colours(values: object, count: int) -> Float[np.ndarray, "vertices channels"] | None:
+    """Bring colours to 0..1: bytes are divided by 255, other numbers only if one is above 1."""
+    rows = _per_vertex(values, count)
+    if rows is None:
+        return None
+    whole = np.asarray(values).dtype.kind in "iu" or rows.max(initial=0.0) > 1
+    return np.clip(rows / (255.0 if whole else 1.0), 0.0, 1.0)
+
+
+def encode_obj(mesh: Mesh) -> bytes:
+    """Write a mesh as OBJ text, vertices in order."""
+    lines = ["# bunraku"]
+    lines += [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in mesh.vertices.tolist()]
+    lines += [f"f {a} {b} {c}" for a, b, c in (mesh.faces + 1).tolist()]
+    return ("\n".join(lines) + "\n").encode()
+
+
+def encode_ply(mesh: Mesh) -> bytes:
+    """Write a mesh as binary PLY, vertices in order; without faces, as a point cloud."""
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(mesh.vertices)}"]
+    header += [f"property float {axis}" for axis in "xyz"]
+    if len(mesh.faces):
+        header += [f"element face {len(mesh.faces)}", "property list uchar int vertex_indices"]
+    faces = np.empty(len(mesh.faces), [("count", "u1"), ("corners", "<i4", 3)])
+    faces["count"], faces["corners"] = 3, mesh.faces
+    body = mesh.vertices.astype("<f4").tobytes() + faces.tobytes()
+    return ("\n".join([*header, "end_header"]) + "\n").encode() + body
+
+
+def merge_pieces(pieces: list[Piece]) -> tuple[Mesh, Int[np.ndarray, " vertices"]]:
+    """Put all pieces into one mesh; also give the piece of each vertex."""
+    counts = [len(piece.positions) for piece in pieces]
+    offsets = np.cumsum([0, *counts[:-1]])
+    faces = [piece.faces + offset for piece, offset in zip(pieces, offsets, strict=True)]
+    vertices = np.concatenate([piece.positions for piece in pieces])
+    return Mesh(vertices, np.concatenate(faces)), np.repeat(np.arange(len(pieces)), counts)
