@@ -1,0 +1,80 @@
+"""Build the closed proxy of a figure (winding number, marching cubes, decimation)."""
+
+from dataclasses import dataclass
+
+import igl
+import numpy as np
+from jaxtyping import Float, Int
+
+from bunraku import meshes
+from bunraku.proxy import voxels
+from bunraku.types import Mesh
+
+
+@dataclass(frozen=True, eq=False)
+class Proxy:
+    """A closed mesh of one part in a figure's place, and where the figure sits on it."""
+
+    mesh: Mesh  # closed, manifold, one part, facing outwards
+    corners: Int[np.ndarray, "vertices 3"]  # proxy vertices around each vertex of the figure
+    barycentric: Float[np.ndarray, "vertices 3"]  # their shares
+
+
+def build_proxy(
+    vertices: Float[np.ndarray, "vertices 3"],
+    faces: Int[np.ndarray, "faces 3"],
+    *,
+    vertex_count: int = 4000,
+) -> Proxy:
+    """Wrap a figure, whatever its parts and holes, in a closed mesh of about one size.
+
+    Args:
+        vertices: the figure, as stored.
+        faces: its triangles.
+        vertex_count: vertices that the proxy should have, about.
+
+    Returns:
+        the proxy, and where each of `vertices`, unwelded, lies on it.
+    """
+    welded, kept, _ = meshes.weld(vertices, faces)
+    kept = face_outwards(welded, kept)
+    mesh = wrap(welded, kept, vertex_count)
+    face, barycentric, _ = meshes.closest_points(vertices, mesh.vertices, mesh.faces)
+    return Proxy(mesh, mesh.faces[face], barycentric)
+
+
+def face_outwards(
+    vertices: Float[np.ndarray, "vertices 3"], faces: Int[np.ndarray, "faces 3"]
+) -> Int[np.ndarray, "faces 3"]:
+    """Turn every part of a mesh so that its faces agree and look away from its middle."""
+    turned, patch = igl.bfs_orient(np.ascontiguousarray(faces))
+    turned = turned.astype(np.int64)  # from C "long long", which the shape checker refuses
+    first, second, third = vertices[turned].transpose(1, 0, 2)
+    count = int(patch.max()) + 1
+    middle = (
+        np.stack(
+            [np.bincount(patch, vertices[turned].mean(axis=1)[:, i], count) for i in range(3)],
+            axis=1,
+        )
+        / np.bincount(patch, minlength=count)[:, None]
+    )
+    first, second, third = first - middle[patch], second - middle[patch], third - middle[patch]
+    volume = np.bincount(patch, np.einsum("fc,fc->f", first, np.cross(second, third)), count)
+    return np.where((volume < 0)[patch][:, None], turned[:, ::-1], turned)
+
+
+def wrap(
+    vertices: Float[np.ndarray, "vertices 3"], faces: Int[np.ndarray, "faces 3"], vertex_count: int
+) -> Mesh:
+    """Triangulate the border of the figure's solid anew, with about this many vertices."""
+    grid = voxels.grid_around(vertices, 110)
+    inside = voxels.inside_by_winding(vertices, faces, grid)
+    face, barycentric = meshes.sample_surface(vertices, faces, 120_000, np.random.default_rng(0))
+    samples = meshes.interpolate(vertices, faces[face], barycentric)
+    sheet = voxels.sheet_samples(samples, inside, grid)
+    solid = voxels.solid_nodes(voxels.thicken(inside, sheet, grid))
+    field = voxels.signed_distance(solid, vertices, faces, sheet, grid)
+    fine, triangles = voxels.march(field, grid)
+    if len(fine) > vertex_count:
+        fine, triangles, *_ = igl.decimate(fine, triangles, 2 * vertex_count)
+    return Mesh(fine, triangles.astype(np.int64))
