@@ -8,6 +8,7 @@ import igl
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from bunraku.graphs import mesh_edges
 from bunraku.meshes import vertex_normals
 from bunraku.rotations import matrices_to_quaternions, nearest_rotation
 
@@ -42,17 +43,11 @@ def pose_distance_in_place(vertices: Points, truth: Points, height: float) -> fl
     return pose_distance(vertices - offset, truth, height)
 
 
-def edges(faces: Int[np.ndarray, "faces 3"]) -> Int[np.ndarray, "edges 2"]:
-    """List every edge of a mesh once."""
-    both = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    return np.unique(both, axis=0)
-
-
 def edge_ratios(
     vertices: Points, reference: Points, faces: Int[np.ndarray, "faces 3"]
 ) -> Float[np.ndarray, "*frames edges"]:
     """Divide the length of each edge by its length in the reference; edges without length go."""
-    ends = edges(faces)
+    ends = mesh_edges(faces)
     lengths, expected = (
         np.linalg.norm(points[..., ends[:, 0], :] - points[..., ends[:, 1], :], axis=-1)
         for points in (vertices, reference)
