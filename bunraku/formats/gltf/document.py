@@ -1,0 +1,178 @@
+"""Open a glTF document: container, JSON, buffers; every index and byte range checked once.
+
+Nothing is allocated before plain integers say that the bytes are there.
+"""
+
+import logging
+import os
+import re
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+
+from bunraku.formats.files import Location, read_bytes
+from bunraku.formats.gltf.checks import check_ranges, check_references
+from bunraku.formats.gltf.schema import Gltf
+from bunraku.formats.gltf.uris import read_uri
+from bunraku.types import FormatError
+
+logger = logging.getLogger(__name__)
+
+MAGIC, JSON_CHUNK, BINARY_CHUNK = b"glTF", 0x4E4F534A, 0x004E4942
+COMPRESSED = {
+    "KHR_draco_mesh_compression": "Draco",
+    "EXT_meshopt_compression": "meshopt",
+    "KHR_meshopt_compression": "meshopt",
+}
+HARMLESS = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_", "VRM")
+
+
+@dataclass(frozen=True, eq=False)
+class Document:
+    """A glTF file as it was found."""
+
+    path: str
+    json: bytes  # the source of `gltf`, and of the document that is written back
+    gltf: Gltf
+    buffers: tuple[memoryview, ...]
+    is_binary: bool  # a GLB whose only buffer is its own chunk
+
+    def fault(self, where: str, message: str) -> FormatError:
+        """Make the error that something at a JSON pointer is wrong."""
+        return FormatError(self.path, where, message)
+
+    def warn(self, message: str) -> None:
+        """Announce something odd that was repaired or left out."""
+        logger.warning("%s: %s", self.path, message)
+
+    def copy_json(self) -> dict[str, Any]:
+        """Give the JSON as a dictionary that the caller may change, keys in the file's order."""
+        return dict(msgspec.json.decode(self.json))
+
+
+def read_document(path: Location, content: bytes | None = None) -> Document:
+    """Open a .glb, .gltf or .vrm file and check that its parts fit together.
+
+    Args:
+        path: the file; relative URIs start from its folder.
+        content: its bytes, if they are known already.
+
+    Raises:
+        FormatError: with a JSON pointer, if the file cannot be trusted.
+    """
+    name = os.fspath(path)
+    json, chunk = split_container(name, read_bytes(path) if content is None else content)
+    gltf = _parse_json(name, json)
+    _check_support(name, gltf)
+    check_references(name, gltf)
+    check_ranges(name, gltf)
+    buffers = tuple(_load_buffers(name, gltf, chunk))
+    is_binary = chunk is not None and len(buffers) == 1 and gltf.buffers[0].uri is None
+    return Document(name, json, gltf, buffers, is_binary)
+
+
+def split_container(path: str, content: bytes) -> tuple[bytes, memoryview | None]:
+    """Split a file into its JSON and, for a GLB that has one, its binary chunk."""
+    if not content.startswith(MAGIC):
+        text = content.removeprefix(b"\xef\xbb\xbf")
+        if text.lstrip()[:1] != b"{":
+            raise FormatError(path, "", "is neither a GLB nor a glTF JSON document")
+        return text, None
+    if len(content) < 20:
+        raise FormatError(path, "", f"GLB is cut off: {len(content)} bytes are no document")
+    version, length = struct.unpack_from("<II", content, 4)
+    if version != 2:
+        raise FormatError(path, "", f"GLB version {version}; only 2 is read, export it again")
+    if length > len(content):
+        message = f"GLB is cut off: it says {length} bytes and has {len(content)}"
+        raise FormatError(path, "", message)
+    if length < len(content):
+        logger.warning("%s: %d bytes after the end ignored", path, len(content) - length)
+    chunks = list(_split_chunks(path, memoryview(content)[:length]))
+    if not chunks or chunks[0][0] != JSON_CHUNK:
+        raise FormatError(path, "", "GLB does not begin with a JSON chunk")
+    binary = chunks[1][1] if len(chunks) > 1 and chunks[1][0] == BINARY_CHUNK else None
+    return bytes(chunks[0][1]), binary
+
+
+def _split_chunks(path: str, content: memoryview) -> Iterator[tuple[int, memoryview]]:
+    offset = 12
+    while offset + 8 <= len(content):
+        length, kind = struct.unpack_from("<II", content, offset)
+        if offset + 8 + length > len(content):
+            message = f"GLB chunk at byte {offset} says {length} bytes, more than the file has"
+            raise FormatError(path, "", message)
+        yield kind, content[offset + 8 : offset + 8 + length]
+        offset += 8 + length
+
+
+def _parse_json(path: str, json: bytes) -> Gltf:
+    try:
+        raw = msgspec.json.decode(json)
+        if not isinstance(raw, dict):
+            raise FormatError(path, "", "JSON must be an object")
+        if b"null" in json:
+            _refuse_null(path, raw)
+        gltf = msgspec.convert(raw, Gltf)
+    except msgspec.ValidationError as problem:
+        message, _, place = str(problem).partition(" - at ")
+        raise FormatError(path, _pointer(place), message.replace("`", "'")) from None
+    except RecursionError:
+        raise FormatError(path, "", "JSON is nested too deeply") from None
+    except (msgspec.DecodeError, UnicodeDecodeError) as problem:
+        raise FormatError(path, "", f"JSON is damaged: {problem}") from None
+    if not gltf.asset.version.startswith("2."):
+        message = f"glTF version {gltf.asset.version[:20]!r}; only 2 is read, export it again"
+        raise FormatError(path, "/asset/version", message)
+    return gltf
+
+
+def _pointer(place: str) -> str:
+    """Turn msgspec's `$.nodes[3].mesh` into the JSON pointer /nodes/3/mesh."""
+    steps: list[str] = re.findall(r"[^.\[\]`$]+", place.replace("[...]", ""))
+    return "".join(f"/{step}" for step in steps)
+
+
+def _refuse_null(path: str, raw: dict[str, Any]) -> None:
+    """Refuse null wherever the specification has no place for it."""
+    waiting: list[tuple[str, Any]] = [("", raw)]
+    while waiting:
+        where, value = waiting.pop()
+        if value is None:
+            raise FormatError(path, where, "null is not allowed here; leave the property out")
+        if isinstance(value, dict):
+            free = {"extras", "extensions"}
+            waiting += [(f"{where}/{key}", item) for key, item in value.items() if key not in free]
+        elif isinstance(value, list):
+            waiting += [(f"{where}/{i}", item) for i, item in enumerate(value)]
+
+
+def _check_support(path: str, gltf: Gltf) -> None:
+    """Refuse compressed geometry, and announce required extensions that are unknown here."""
+    for name in gltf.extensions_required:
+        if name in COMPRESSED:
+            message = (
+                f"geometry is {COMPRESSED[name]} compressed; decompress it first: "
+                "npx @gltf-transform/cli copy IN.glb OUT.glb"
+            )
+            raise FormatError(path, "/extensionsRequired", message)
+        if not name.startswith(HARMLESS) and name != "KHR_mesh_quantization":
+            logger.warning("%s: required extension %s is kept, not understood", path, name[:60])
+
+
+def _load_buffers(path: str, gltf: Gltf, chunk: memoryview | None) -> Iterator[memoryview]:
+    for index, buffer in enumerate(gltf.buffers):
+        where = f"/buffers/{index}"
+        if buffer.uri is not None:
+            content = memoryview(read_uri(path, f"{where}/uri", buffer.uri)[0])
+        elif index == 0 and chunk is not None:
+            content = chunk
+        else:
+            raise FormatError(path, where, "buffer has no data: neither a URI nor a GLB chunk")
+        if len(content) < buffer.byte_length:
+            message = f"buffer says {buffer.byte_length} bytes, its source has {len(content)}"
+            raise FormatError(path, f"{where}/byteLength", message)
+        yield content[: buffer.byte_length]

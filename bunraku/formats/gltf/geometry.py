@@ -1,0 +1,133 @@
+"""The triangles of a document, one block for each vertex buffer that a node shows."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from bunraku.formats.gltf.accessors import read_floats, read_integers
+from bunraku.formats.gltf.document import Document
+from bunraku.formats.gltf.influences import read_influences
+from bunraku.formats.gltf.schema import Primitive
+from bunraku.formats.gltf.tree import Tree
+
+TRIANGLES, STRIP, FAN = 4, 5, 6
+MAX_VERTICES = 5_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """The vertices that one node shows of one vertex buffer, in the mesh's own space."""
+
+    node: int
+    primitives: tuple[int, ...]  # those of the node's mesh that share these vertices
+    vertices: Float[np.ndarray, "vertices 3"]
+    faces: Int[np.ndarray, "faces 3"]  # counted from the block's first vertex
+    joints: Int[np.ndarray, "vertices influences"]  # places in the skin's list of joints
+    weights: Float[np.ndarray, "vertices influences"]  # rows sum to 1; no columns if unskinned
+
+    @property
+    def is_skinned(self) -> bool:
+        """Tell whether joints move the block, rather than its node."""
+        return self.weights.shape[1] > 0
+
+
+def read_blocks(document: Document, tree: Tree) -> list[Block]:
+    """Read the triangle primitives of every mesh node shown, in the order of the nodes.
+
+    Raises:
+        FormatError: naming the accessor, if positions, indices or joints are damaged.
+    """
+    blocks: list[Block] = []
+    for node in tree.order:
+        mesh = document.gltf.nodes[node].mesh
+        if mesh is not None and tree.is_shown[node]:
+            blocks += _read_mesh(document, node, mesh)
+    if sum(len(block.vertices) for block in blocks) > MAX_VERTICES:
+        raise document.fault("/meshes", f"more than {MAX_VERTICES} vertices; decimate it first")
+    return blocks
+
+
+def _read_mesh(document: Document, node: int, mesh: int) -> list[Block]:
+    """Read a mesh as one node shows it, primitives over the same vertices together."""
+    groups: dict[tuple[int, ...], list[int]] = {}
+    for index, primitive in enumerate(document.gltf.meshes[mesh].primitives):
+        where = f"/meshes/{mesh}/primitives/{index}"
+        if _is_surface(document, where, primitive):
+            groups.setdefault(_vertex_buffer(primitive), []).append(index)
+    return [_read_block(document, node, mesh, tuple(group)) for group in groups.values()]
+
+
+def _vertex_buffer(primitive: Primitive) -> tuple[int, ...]:
+    """Give what tells apart the vertices of primitives: position and skin accessors."""
+    names = sorted(name for name in primitive.attributes if name.startswith(("JOINTS", "WEIGHTS")))
+    return tuple(primitive.attributes[name] for name in ["POSITION", *names])
+
+
+def _is_surface(document: Document, where: str, primitive: Primitive) -> bool:
+    if primitive.mode < TRIANGLES:
+        document.warn(f"{where}: points or lines are kept, but are no part of the surface")
+        return False
+    if "POSITION" not in primitive.attributes:
+        document.warn(f"{where}: a primitive without POSITION is kept, but shows nothing")
+        return False
+    return True
+
+
+def _read_block(document: Document, node: int, mesh: int, group: tuple[int, ...]) -> Block:
+    primitives = document.gltf.meshes[mesh].primitives
+    vertices = read_positions(document, primitives[group[0]].attributes["POSITION"])
+    faces = []
+    for index in group:
+        where = f"/meshes/{mesh}/primitives/{index}"
+        faces.append(_read_faces(document, where, primitives[index], len(vertices)))
+    where = f"/meshes/{mesh}/primitives/{group[0]}"
+    joints, weights = read_influences(document, node, where, vertices=vertices)
+    return Block(node, group, vertices, np.concatenate(faces), joints, weights)
+
+
+def read_positions(document: Document, accessor: int) -> Float[np.ndarray, "vertices 3"]:
+    """Read the positions of a vertex buffer.
+
+    Raises:
+        FormatError: naming the first vertex that is NaN or infinite.
+    """
+    vertices = read_floats(document, accessor, 3)
+    wrong = ~np.isfinite(vertices).all(axis=1)
+    if wrong.any():
+        message = f"{wrong.sum()} vertices are NaN or infinite, first {int(wrong.argmax())}"
+        raise document.fault(f"/accessors/{accessor}", f"{message}; repair the mesh")
+    return vertices
+
+
+def _read_faces(
+    document: Document, where: str, primitive: Primitive, count: int
+) -> Int[np.ndarray, "faces 3"]:
+    if primitive.indices is None:
+        corners = np.arange(count)
+    else:
+        corners = read_integers(document, primitive.indices, 1)[:, 0]
+        if corners.max() >= count:
+            place = int((corners >= count).argmax())
+            message = f"index {place} is vertex {corners[place]} of {count}; export the mesh again"
+            raise document.fault(f"/accessors/{primitive.indices}", message)
+    if primitive.mode == TRIANGLES:
+        if len(corners) % 3:
+            document.warn(
+                f"{where}: {len(corners)} corners are no whole triangles; the rest is cut"
+            )
+        return corners[: len(corners) // 3 * 3].reshape(-1, 3)
+    if len(corners) < 3:
+        return np.zeros((0, 3), np.int64)
+    return _unroll(corners, primitive.mode)
+
+
+def _unroll(corners: Int[np.ndarray, " corners"], mode: int) -> Int[np.ndarray, "faces 3"]:
+    """Turn a strip or fan into triangles, dropping those that only join strips."""
+    if mode == STRIP:
+        faces = np.lib.stride_tricks.sliding_window_view(corners, 3).copy()
+        faces[1::2, 1:] = faces[1::2, :0:-1]
+    else:
+        first = np.full(len(corners) - 2, corners[0])
+        faces = np.column_stack([corners[1:-1], corners[2:], first])
+    return faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]

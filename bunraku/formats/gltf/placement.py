@@ -1,0 +1,82 @@
+"""Find where a skinned mesh lies in the world when its joints' present pose is not its bind pose.
+
+Every joint has an opinion, `world_from_mesh = world_from_joint @ inverse_bind`. They agree when
+the file stands in its bind pose. When arms hang down in a file bound in a T pose, the trunk and
+the head still agree: most of the body's mass decides.
+"""
+
+from itertools import permutations, product
+
+import numpy as np
+from jaxtyping import Float
+
+from bunraku.rotations import (
+    compose_transforms,
+    decompose_transforms,
+    nearest_rotation,
+    rotation_angles,
+)
+
+AGREED_ANGLE, CLEAN_ANGLE = np.radians(5.0), np.radians(6.0)
+
+
+def agree_on_placement(
+    opinions: Float[np.ndarray, "joints 4 4"],
+    mass: Float[np.ndarray, " joints"],
+    points: Float[np.ndarray, "joints 3"],
+) -> Float[np.ndarray, "4 4"]:
+    """Give the one world_from_mesh that joints with their opinions on it agree on best.
+
+    Args:
+        opinions: world_from_mesh of each joint.
+        mass: how much of the mesh each joint moves; joints without mass have no say.
+        points: a point of each joint in the mesh's space, where its opinion counts.
+
+    Returns:
+        the opinion itself, if there is only one; else a similarity: the median scale, the
+        rotation most of the mass shares (along the axes, if it nearly is), the median offset.
+    """
+    mass = mass if mass.sum() > 0 else np.ones(len(opinions))
+    moved = np.einsum("jrc,jc->jr", opinions[:, :3, :3], points) + opinions[:, :3, 3]
+    heaviest = opinions[int(mass.argmax())]
+    expected = points @ heaviest[:3, :3].T + heaviest[:3, 3]
+    size = max(float(np.ptp(expected, axis=0).max()), float(np.abs(heaviest[:3, :3]).max()), 1e-12)
+    linear_gap = np.abs(opinions - heaviest)[:, :3, :3].max() / np.abs(heaviest[:3, :3]).max()
+    if linear_gap < 1e-3 and np.abs(moved - expected).max() < 1e-3 * size:
+        return heaviest
+    _, rotations, scales = decompose_transforms(opinions)
+    scale = _weighted_median(np.abs(scales).prod(axis=1) ** (1 / 3), mass)
+    rotation, friends = _shared_rotation(rotations, mass)
+    offsets = moved - scale * points @ rotation.T
+    offset = np.array([_weighted_median(axis[friends], mass[friends]) for axis in offsets.T])
+    return compose_transforms(offset, rotation, np.full(3, scale))
+
+
+def _shared_rotation(
+    rotations: Float[np.ndarray, "joints 3 3"], mass: Float[np.ndarray, " joints"]
+) -> tuple[Float[np.ndarray, "3 3"], np.ndarray]:
+    """Find the rotation that the most mass is close to, and which joints those are."""
+    trace = np.einsum("irc,jrc->ij", rotations, rotations)
+    is_close = trace > 1 + 2 * np.cos(AGREED_ANGLE)
+    friends = is_close[int((is_close @ mass).argmax())] & (mass > 0)
+    mean = nearest_rotation(np.einsum("j,jrc->rc", mass[friends], rotations[friends]))
+    clean = _axis_rotations()
+    nearest = clean[np.einsum("krc,rc->k", clean, mean).argmax()]
+    is_clean = float(rotation_angles(nearest.T @ mean)) < CLEAN_ANGLE
+    return (nearest if is_clean else mean), friends
+
+
+def _axis_rotations() -> Float[np.ndarray, "24 3 3"]:
+    """List the rotations that map the axes onto each other."""
+    matrices = [
+        np.eye(3)[list(order)] * signs
+        for order in permutations(range(3))
+        for signs in product((1.0, -1.0), repeat=3)
+    ]
+    return np.array([matrix for matrix in matrices if np.linalg.det(matrix) > 0])
+
+
+def _weighted_median(values: Float[np.ndarray, " n"], mass: Float[np.ndarray, " n"]) -> float:
+    order = np.argsort(values, kind="stable")
+    reached = np.cumsum(mass[order])
+    return float(values[order][np.searchsorted(reached, reached[-1] / 2)])

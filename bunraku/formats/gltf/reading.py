@@ -1,0 +1,74 @@
+"""Read a glTF file as a figure, or as a character with its clips."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from bunraku.formats.files import Location
+from bunraku.formats.gltf.binding import bind_skins, place_block
+from bunraku.formats.gltf.document import Document, read_document
+from bunraku.formats.gltf.geometry import Block, read_blocks
+from bunraku.formats.gltf.tree import Tree, build_tree
+from bunraku.types import Figure, Mesh
+
+
+@dataclass(frozen=True, eq=False)
+class FigureDocument:
+    """What a glTF figure keeps for its writer."""
+
+    document: Document
+    tree: Tree
+    blocks: tuple[Block, ...]
+    world_from_mesh: Float[np.ndarray, "blocks 4 4"]
+    world_from_file: Float[np.ndarray, "4 4"]
+
+
+def read_figure(
+    path: Location,
+    content: bytes | None = None,
+    *,
+    world_from_file: Float[np.ndarray, "4 4"] | None = None,
+) -> Figure:
+    """Read the surface of a glTF file in world space; of a rigged file, in its bind pose.
+
+    Args:
+        path: the file.
+        content: its bytes, if they are known already.
+        world_from_file: turns and scales the file's own world, for files with other axes.
+
+    Returns:
+        the figure; each of its pieces is a vertex buffer as one node shows it, and vertices are
+        those of the file, in its order.
+
+    Raises:
+        FormatError: if the file cannot be trusted, or shows no triangles.
+    """
+    document = read_document(path, content)
+    tree = build_tree(document)
+    blocks = read_blocks(document, tree)
+    if not any(len(block.faces) for block in blocks):
+        raise document.fault("/meshes", "no triangles are shown; export a surface")
+    binding = bind_skins(document, tree, blocks)
+    turn = np.eye(4) if world_from_file is None else world_from_file
+    places = np.stack([turn @ place_block(document, tree, binding, b) for b in blocks])
+    mesh = join_blocks(document, blocks, places)
+    sizes = [len(block.vertices) for block in blocks]
+    kept = FigureDocument(document, tree, tuple(blocks), places, turn)
+    return Figure(document.path, mesh, np.repeat(np.arange(len(blocks)), sizes), kept)
+
+
+def join_blocks(
+    document: Document, blocks: list[Block], world_from_mesh: Float[np.ndarray, "blocks 4 4"]
+) -> Mesh:
+    """Put all blocks into one mesh in world space; mirrored ones keep their outside outside."""
+    vertices, faces, first = [np.zeros((0, 3))], [np.zeros((0, 3), np.int64)], 0
+    for block, place in zip(blocks, world_from_mesh, strict=True):
+        is_mirrored = np.linalg.det(place[:3, :3]) < 0
+        vertices.append(block.vertices @ place[:3, :3].T + place[:3, 3])
+        faces.append(first + (block.faces[:, ::-1] if is_mirrored else block.faces))
+        first += len(block.vertices)
+    joined = np.concatenate(vertices)
+    if not np.isfinite(joined).all():
+        raise document.fault("/nodes", "vertices are too far away to compute with; scale it down")
+    return Mesh(joined, np.concatenate(faces))
