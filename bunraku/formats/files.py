@@ -41,9 +41,7 @@ def read_bytes(path: Location, *, limit: int = LARGEST_FILE) -> bytes:
     return content
 
 
-def read_beside(
-    path: Location, uri: str, *, where: str = "", limit: int = LARGEST_FILE
-) -> bytes:
+def read_beside(path: Location, uri: str, *, where: str = "", limit: int = LARGEST_FILE) -> bytes:
     """Read a file that `path` names by a relative URI; it may not leave the folder of `path`.
 
     Args:

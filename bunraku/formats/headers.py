@@ -58,13 +58,17 @@ def _ply_elements(path: Location, lines: list[str]) -> list[_Element]:
         words = line.split()
         if words[:1] == ["element"]:
             if len(words) != 3 or not words[2].isdecimal() or not words[2].isascii():
-                raise FormatError(path, f"line {number}", f"wanted element NAME COUNT, got {line!r}")
+                raise FormatError(
+                    path, f"line {number}", f"wanted element NAME COUNT, got {line!r}"
+                )
             elements.append(_Element(words[1], int(words[2][:18])))
         elif words[:1] == ["property"]:
             kinds = words[2:4] if words[1:2] == ["list"] else words[1:2]
             wrong = not elements or len(words) != 3 + 2 * (words[1:2] == ["list"])
             if wrong or not all(kind in _SIZES for kind in kinds):
-                raise FormatError(path, f"line {number}", f"wanted property TYPE NAME, got {line!r}")
+                raise FormatError(
+                    path, f"line {number}", f"wanted property TYPE NAME, got {line!r}"
+                )
             elements[-1].properties.append(words[-1])
             elements[-1].row_bytes += _SIZES[kinds[0]]
     return elements

@@ -19,9 +19,7 @@ _LARGEST_COORDINATE = 1e37  # room for products in float32, which GLB stores
 logger = logging.getLogger(__name__)
 
 
-def read_pieces(
-    path: Location, content: bytes, kind: str
-) -> tuple[list[Piece], list[Material]]:
+def read_pieces(path: Location, content: bytes, kind: str) -> tuple[list[Piece], list[Material]]:
     """Read an OBJ, PLY, STL or OFF into triangulated pieces, vertices as stored.
 
     A PLY without faces is one piece without faces, a point cloud.
@@ -41,6 +39,8 @@ def read_pieces(
     for piece in pieces:
         _check_piece(path, piece)
     _check_extent(path, pieces)
+    if not any(len(piece.faces) for piece in pieces):
+        logger.warning("%s: has no faces; it is taken as a point cloud", path)
     return pieces, materials
 
 

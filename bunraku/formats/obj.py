@@ -5,9 +5,11 @@ knows no line numbers; this reader keeps the file's vertex order, groups and mat
 on whole columns of text: only the keyword of a line is looked at one by one.
 """
 
+import logging
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -16,11 +18,14 @@ from bunraku.formats.files import Location
 from bunraku.formats.materials import read_materials
 from bunraku.formats.pieces import Material, Piece
 from bunraku.formats.polygons import triangulate
+from bunraku.formats.text import decode_text
 from bunraku.types import FormatError
 
 _KEYWORDS = {"v": 1, "vt": 2, "vn": 3, "f": 4, "o": 5, "g": 5, "usemtl": 6, "mtllib": 7}
 _POSITION, _UV, _NORMAL, _FACE, _GROUP, _USE, _LIBRARY = range(1, 8)
 ABSENT = -1
+
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,11 +66,17 @@ def read_obj(path: Location, content: bytes) -> tuple[list[Piece], list[Material
     columns = {"uvs": uvs, "normals": normals, "colours": colours}
     labels, part_of = _parts(text, [material.name for material in materials])
     order = np.argsort(part_of[polygon_of], kind="stable")
-    borders = np.searchsorted(part_of[polygon_of][order], np.arange(1, len(labels)))
-    pieces = [
-        _piece(label, corners[faces[inside]], positions, columns)
-        for label, inside in zip(labels, np.split(order, borders), strict=True)
-    ]
+    part_of_face = part_of[polygon_of][order]
+    rows, faces = _unite_corners(np.repeat(part_of_face, 3), corners[faces[order].reshape(-1)])
+    columns = {"positions": positions, "colours": colours, "uvs": uvs, "normals": normals}
+    numbers = np.arange(len(labels) + 1)
+    row_borders = np.searchsorted(rows[:, 0], numbers)
+    face_borders = np.searchsorted(part_of_face, numbers)
+    pieces = []
+    for part, (name, material) in enumerate(labels):
+        mine = rows[slice(*row_borders[part : part + 2])]
+        inside = faces[slice(*face_borders[part : part + 2])] - row_borders[part]
+        pieces.append(Piece(name, faces=inside, material=material, **_gather(columns, mine)))
     return pieces, materials
 
 
@@ -81,16 +92,6 @@ def _split(content: bytes) -> tuple[list[str], Int[np.ndarray, " lines"]]:
     lines = [line.strip() for line in text.split("\n")]
     kinds = (_KEYWORDS.get(line.split(" ", 1)[0], 0) for line in lines)
     return lines, np.fromiter(kinds, np.int64, len(lines))
-
-
-def decode_text(content: bytes) -> str:
-    """Decode UTF-16 with its mark, UTF-8, or else Latin-1, in which any bytes mean something."""
-    if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        return content.decode("utf-16", "replace")
-    try:
-        return content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return content.decode("latin-1")
 
 
 def _numbers(text: _Lines, where: Int[np.ndarray, " found"], rows: list[list[str]]) -> np.ndarray:
@@ -173,9 +174,14 @@ def _read_faces(
         before = np.searchsorted(text.of(kind), line_of[relative])
         index[relative] += before + 1
         wrong = (index < (column == 0)) | (index > sizes[column]) | (relative & (index < 1))
-        if wrong.any():
-            message = f"wanted {what} indices from 1 to {sizes[column]}"
-            raise text.trouble(int(line_of[wrong.argmax()]), message)
+        if not wrong.any():
+            continue
+        message = f"wanted {what} indices from 1 to {sizes[column]}"
+        trouble = text.trouble(int(line_of[wrong.argmax()]), message)
+        if column == 0:
+            raise trouble
+        logger.warning("%s; all %s are left out", trouble, what)
+        corners[:, column] = 0
     return corners - 1, np.concatenate([[0], np.cumsum(counts)])
 
 
@@ -237,18 +243,26 @@ def _parts(
     return ordered, rank[part_of.reshape(-1)]
 
 
-def _piece(
-    label: tuple[str, int],
-    corners: Int[np.ndarray, "faces 3 3"],
-    positions: Float[np.ndarray, "vertices 3"],
-    columns: dict[str, np.ndarray | None],
-) -> Piece:
-    """Gather the vertices that a piece's corners use, each combination once, in file order."""
-    rows, faces = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
-    given = {
-        what: columns[what][rows[:, column]]
-        for what, column in (("uvs", 1), ("normals", 2), ("colours", 0))
-        if columns[what] is not None and (rows[:, column] != ABSENT).all() and len(columns[what])
+def _unite_corners(
+    part_of: Int[np.ndarray, " corners"], corners: Int[np.ndarray, "corners 3"]
+) -> tuple[Int[np.ndarray, "rows 4"], Int[np.ndarray, "faces 3"]]:
+    """Find the different combinations of part, position, UV and normal, sorted in that order."""
+    every = np.column_stack([part_of, corners])
+    order = np.lexsort(every.T[::-1])
+    new = np.ones(len(every), bool)
+    new[1:] = (np.diff(every[order], axis=0) != 0).any(axis=1)
+    row_of = np.empty(len(every), np.int64)
+    row_of[order] = np.cumsum(new) - 1
+    return every[order][new], row_of.reshape(-1, 3)
+
+
+def _gather(
+    columns: dict[str, np.ndarray | None], rows: Int[np.ndarray, "rows 4"]
+) -> dict[str, Any]:
+    """Look up what each vertex of a piece has; UVs or normals that some lack are left out."""
+    place = {"positions": 1, "colours": 1, "uvs": 2, "normals": 3}
+    return {
+        what: column[rows[:, place[what]]]
+        for what, column in columns.items()
+        if column is not None and (rows[:, place[what]] != ABSENT).all()
     }
-    faces = faces.reshape(-1, 3)
-    return Piece(label[0], positions[rows[:, 0]], faces, material=label[1], **given)

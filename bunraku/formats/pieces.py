@@ -80,7 +80,9 @@ class _Binary:
 
     def add_array(self, array: np.ndarray, target: int) -> int:
         """Append an array of float32 or uint32; give the accessor's number."""
-        kind = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}[1 if array.ndim == 1 else len(array[0])]
+        kind = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}[
+            1 if array.ndim == 1 else len(array[0])
+        ]
         accessor: dict[str, object] = {
             "bufferView": self.add_view(array.tobytes(), target),
             "componentType": FLOAT if array.dtype == np.float32 else UINT32,

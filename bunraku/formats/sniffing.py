@@ -28,6 +28,7 @@ _OFF = re.compile(rb"(\s|#[^\n]*\n)*(ST)?C?N?4?n?OFF\b", re.IGNORECASE)
 _OBJ_LINE = re.compile(
     rb"^[ \t]*(v|vn|vt|vp|f|l|p|o|g|s|mtllib|usemtl|cstype|curv|surf)[ \t]+\S", re.MULTILINE
 )
+_PROVEN = ("ply", "off", "stl", "glb", "gltf", "vrm", "bvh")  # these begin in their own way
 _HEAD = 1 << 16
 
 
@@ -47,7 +48,8 @@ def sniff(path: Location, content: bytes) -> str:
     if head[:2] in (b"\xff\xfe", b"\xfe\xff"):
         return _by_signature(b"", content.decode("utf-16", "replace").encode()[:_HEAD]) or "obj"
     suffix = PurePath(path).suffix.lower().lstrip(".")
-    if b"\0" not in head and (_OBJ_LINE.search(content) or suffix == "obj"):
+    is_text = b"\0" not in head
+    if is_text and (suffix == "obj" or (suffix not in _PROVEN and _OBJ_LINE.search(content))):
         return "obj"
     if suffix in ("stl", "off", "ply", "bvh"):
         return suffix

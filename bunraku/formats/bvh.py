@@ -1,0 +1,214 @@
+"""BVH motion: pybvh reads what is strictly right, `bvh_text` what it refuses; units and axes here.
+
+bvhio was tried for the second part and dropped: it does not return on four damaged files, and
+takes seconds for a recording that is read here in hundredths.
+"""
+
+import logging
+import warnings
+from collections.abc import Sequence
+from pathlib import PurePath
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+from bunraku.formats.bvh_text import Recording, parse_recording
+from bunraku.formats.files import Location
+from bunraku.skinning import forward_kinematics
+from bunraku.types import NO_PARENT, Clip, FormatError, Skeleton
+
+MOST_JOINTS, MOST_FRAMES = 4096, 100_000
+SHORTEST_BODY, TALLEST_BODY = 0.5, 4.0  # metres; outside, a warning says so
+INCH = 0.0254
+
+logger = logging.getLogger(__name__)
+
+
+def read_recording(path: Location, content: bytes) -> tuple[Skeleton, Clip]:
+    """Read a BVH as a skeleton in metres, Y up, and a clip named after the file.
+
+    The rest frames of all joints are unturned, with the file's offsets as translations. An end
+    site becomes a joint named after its parent and `_end`, so that the last bones have a direction.
+
+    Raises:
+        FormatError: if the file is damaged, or holds more than 4096 joints or 100,000 frames.
+    """
+    recording = _read_strictly(path) or parse_recording(path, content)
+    _check(path, recording)
+    translations, rotations = _local_motion(path, recording)
+    offsets = recording.offsets
+    if _stands_along_z(recording, translations, rotations):
+        logger.info("%s: stands along z; turned upright", path)
+        turn = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+        offsets, translations = offsets @ turn.T, translations @ turn.T
+        rotations = turn @ rotations @ turn.T
+    scale = _metres_per_unit(path, recording)
+    rest = np.tile(np.eye(4), (len(offsets), 1, 1))
+    rest[:, :3, 3] = offsets * scale
+    frames, joints = rotations.shape[:2]
+    clip = Clip(
+        PurePath(path).stem,
+        np.arange(frames) * recording.frame_time,
+        translations * scale,
+        Rotation.from_matrix(rotations.reshape(-1, 3, 3)).as_quat().reshape(frames, joints, 4),
+        np.ones((frames, joints, 3)),
+    )
+    return Skeleton(tuple(recording.names), np.array(recording.parents), rest), clip
+
+
+def _read_strictly(path: Location) -> Recording | None:
+    """Let pybvh read the file; nothing if it refuses, for whatever reason."""
+    from pybvh import read_bvh_file  # 0.06 s that only BVH files should cost
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            read = read_bvh_file(path, world_up="+y")
+    except Exception as error:  # its reader leaks every kind of error
+        logger.debug("%s: pybvh refuses: %s", path, error)
+        return None
+    number = {id(node): i for i, node in enumerate(read.nodes)}
+    ends = [node.is_end_site() for node in read.nodes]
+    channels = [
+        []
+        if end
+        else [*(f"P{axis}" for axis in getattr(node, "pos_channels", ()))]
+        + [f"R{axis}" for axis in node.rot_channels]
+        for node, end in zip(read.nodes, ends, strict=True)
+    ]
+    angles = np.degrees(read.joint_angles).reshape(len(read.root_pos), -1)
+    return Recording(
+        [
+            f"{node.parent.name}_end" if end else node.name
+            for node, end in zip(read.nodes, ends, strict=True)
+        ],
+        [NO_PARENT if node.parent is None else number[id(node.parent)] for node in read.nodes],
+        np.array([node.offset for node in read.nodes], np.float64),
+        channels,
+        np.column_stack([read.root_pos, angles]),
+        float(read.frame_time),
+    )
+
+
+def _check(path: Location, recording: Recording) -> None:
+    """Refuse what no player could show."""
+    joints, frames = len(recording.names), len(recording.values)
+    if joints > MOST_JOINTS or frames > MOST_FRAMES:
+        raise FormatError(
+            path,
+            "",
+            f"has {joints} joints and {frames} frames, at most {MOST_JOINTS} and {MOST_FRAMES}; "
+            "cut it into pieces",
+        )
+    if not (np.isfinite(recording.frame_time) and recording.frame_time > 0):
+        raise FormatError(
+            path, "Frame Time", f"is {recording.frame_time}; wanted seconds above 0, such as 0.0333"
+        )
+    wrong = ~np.isfinite(recording.offsets).all(axis=1)
+    if wrong.any():
+        name = recording.names[int(wrong.argmax())]
+        raise FormatError(path, f"joint {name!r}", "has an OFFSET that is not finite; mend it")
+    wrong = ~np.isfinite(recording.values).all(axis=1)
+    if wrong.any():
+        raise FormatError(
+            path, f"frame {int(wrong.argmax())}", "holds a number that is not finite; cut it out"
+        )
+
+
+def _local_motion(
+    path: Location, recording: Recording
+) -> tuple[Float[np.ndarray, "frames joints 3"], Float[np.ndarray, "frames joints 3 3"]]:
+    """Turn channels into translations, in file units, and rotations of every joint."""
+    frames, joints = len(recording.values), len(recording.names)
+    translations = np.broadcast_to(recording.offsets, (frames, joints, 3)).copy()
+    rotations = np.broadcast_to(np.eye(3), (frames, joints, 3, 3)).copy()
+    column = 0
+    for joint, channels in enumerate(recording.channels):
+        columns = recording.values[:, column : column + len(channels)]
+        column += len(channels)
+        order = "".join(channel[1] for channel in channels if channel[0] == "R")
+        turning = [i for i, channel in enumerate(channels) if channel[0] == "R"]
+        for i, channel in enumerate(channels):
+            if channel[0] == "P":
+                translations[:, joint, "XYZ".index(channel[1])] = columns[:, i]
+        if order:
+            try:
+                turns = Rotation.from_euler(order, columns[:, turning], degrees=True)
+            except ValueError:
+                raise FormatError(
+                    path,
+                    f"joint {recording.names[joint]!r}",
+                    f"turns about {order}; give each once",
+                ) from None
+            rotations[:, joint] = turns.as_matrix()
+    _add_missing_offsets(recording, translations)
+    return translations, rotations
+
+
+def _add_missing_offsets(
+    recording: Recording, translations: Float[np.ndarray, "frames joints 3"]
+) -> None:
+    """Read the positions of inner joints as on top of the offset, if that is what is nearer.
+
+    Most programs write the whole translation (so does everybody for the root), some only what
+    differs from the offset, often zero.
+    """
+    inner = np.array(recording.parents) != NO_PARENT
+    positioned = np.array([any(name[0] == "P" for name in own) for own in recording.channels])
+    chosen = inner & positioned
+    moved = translations[:, chosen]
+    if np.abs(moved - recording.offsets[chosen]).sum() > np.abs(moved).sum():
+        translations[:, chosen] += recording.offsets[chosen]
+
+
+def _stands_along_z(
+    recording: Recording,
+    translations: Float[np.ndarray, "frames joints 3"],
+    rotations: Float[np.ndarray, "frames joints 3 3"],
+) -> bool:
+    """Tell whether bones run along z rather than y, in the rest pose or else in the motion.
+
+    Legs and trunk are most of a standing body's bone length. The rest pose decides if it is clear,
+    because a motion may well be that of somebody lying down.
+    """
+    parents = np.array(recording.parents)
+    bones = parents != NO_PARENT
+    _, y, z = np.abs(recording.offsets[bones]).sum(axis=0)
+    if max(y, z) > 1.3 * min(y, z):
+        return bool(z > y)
+    step = max(1, len(translations) // 100)
+    local = np.tile(np.eye(4), (*rotations[::step].shape[:2], 1, 1))
+    local[..., :3, :3], local[..., :3, 3] = rotations[::step], translations[::step]
+    places = forward_kinematics(parents, local)[..., :3, 3]
+    lengths = np.abs(places[:, bones] - places[:, parents[bones]]).sum(axis=(0, 1))
+    return bool(lengths[2] > 1.3 * lengths[1])
+
+
+def _metres_per_unit(path: Location, recording: Recording) -> float:
+    """Guess the unit of length from the longest way through the skeleton, about a body's height."""
+    size = _longest_path(recording.parents, np.linalg.norm(recording.offsets, axis=1))
+    if size <= 0:
+        logger.warning("%s: all bones have length 0; one unit is taken as 0.01 m", path)
+        return 0.01
+    powers = [1.0, 0.1, 0.01, 0.001]
+    unit = min(powers, key=lambda metres: abs(np.log(size * metres / 1.8)))
+    if 1.4 <= size * INCH <= 2.5:
+        unit = INCH
+    logger.info("%s: one unit is taken as %g m", path, unit)
+    if not SHORTEST_BODY <= size * unit <= TALLEST_BODY:
+        logger.info("%s: the skeleton is %.3g m long", path, size * unit)
+    return unit
+
+
+def _longest_path(parents: Sequence[int], lengths: Float[np.ndarray, " joints"]) -> float:
+    """Measure the longest way along bones between any two joints."""
+    reach: Float[np.ndarray, " joints"] = np.zeros(len(parents))
+    longest = 0.0
+    for joint in reversed(range(len(parents))):
+        parent = parents[joint]
+        if parent != NO_PARENT:
+            way = reach[joint] + lengths[joint]
+            longest = max(longest, reach[parent] + way)
+            reach[parent] = max(reach[parent], way)
+    return longest
