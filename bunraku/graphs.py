@@ -17,10 +17,15 @@ def children(parents: Int[np.ndarray, " joints"]) -> list[list[int]]:
     return lists
 
 
+def parents_first(parents: Int[np.ndarray, " joints"]) -> list[int]:
+    """Order the joints of a tree, stored in any order, so that each follows its parent."""
+    return [int(joint) for joint in np.argsort(depths(parents), kind="stable")]
+
+
 def descendants(parents: Int[np.ndarray, " joints"]) -> Bool[np.ndarray, "joints joints"]:
     """Tell whether the joint of a column hangs below the joint of a row; each below itself."""
     below = np.eye(len(parents), dtype=bool)
-    for joint in range(len(parents) - 1, -1, -1):
+    for joint in reversed(parents_first(parents)):
         if parents[joint] != NO_PARENT:
             below[parents[joint]] |= below[joint]
     return below
@@ -32,11 +37,12 @@ def subtree(parents: Int[np.ndarray, " joints"], joint: int) -> Int[np.ndarray, 
 
 
 def depths(parents: Int[np.ndarray, " joints"]) -> Int[np.ndarray, " joints"]:
-    """Count the joints above each joint; zero for a root."""
+    """Count the joints above each joint; zero for a root. Any order of storage will do."""
     depth = np.zeros(len(parents), np.int64)
-    for joint, parent in enumerate(parents):
-        if parent != NO_PARENT:
-            depth[joint] = depth[parent] + 1
+    above = parents.copy()
+    while (above != NO_PARENT).any():
+        depth += above != NO_PARENT
+        above = np.where(above == NO_PARENT, NO_PARENT, parents[above])
     return depth
 
 

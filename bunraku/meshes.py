@@ -168,3 +168,12 @@ def referenced(faces: Int[np.ndarray, "faces 3"], count: int) -> Bool[np.ndarray
     used = np.zeros(count, bool)
     used[faces] = True
     return used
+
+
+def scale_to_unit_area(
+    vertices: Float[np.ndarray, "vertices 3"], faces: Int[np.ndarray, "faces 3"]
+) -> tuple[Float[np.ndarray, "vertices 3"], Float[np.ndarray, "3"], float]:
+    """Centre a surface and scale it to area 1; also give what undoes it: centre and scale."""
+    centre = vertices.mean(axis=0)
+    scale = float(np.sqrt(surface_area(vertices, faces)))
+    return (vertices - centre) / scale, centre, scale

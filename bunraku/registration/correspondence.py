@@ -94,6 +94,6 @@ def misfit(
     *,
     width: float = 0.1,
 ) -> float:
-    """Judge a fit: the mean of d^2 / (d^2 + width^2), both ways added; 0 perfect, 2 nowhere near."""
+    """Judge a fit: mean of d^2 / (d^2 + width^2), both ways added; 0 perfect, 2 nowhere near."""
     pairs = find_pairs(moved, samples, surface, normal_weight=0.1, queries=len(samples))
     return 2.0 * float(np.mean(pairs.squared / (pairs.squared + width**2)))

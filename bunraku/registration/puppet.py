@@ -268,3 +268,26 @@ def bone_axes(
         if length > 1e-6:
             axes[joint] = direction / length
     return axes
+
+
+def tree_of_places(
+    puppet: Puppet, parents: Int[np.ndarray, " all_joints"]
+) -> Int[np.ndarray, " all_joints"]:
+    """Say whose motion carries each joint of the full skeleton.
+
+    Its parent, except where the puppet found that a joint shares its surface with a joint that
+    is no ancestor (a foot that an IK rig hangs off the root goes with its leg).
+    """
+    carriers = parents.copy()
+    for joint, parent in zip(puppet.joints[1:], puppet.joints[puppet.parents[1:]], strict=True):
+        if parent not in ancestors(parents, joint) and joint not in ancestors(carriers, parent):
+            carriers[joint] = parent
+    return carriers
+
+
+def ancestors(parents: Int[np.ndarray, " joints"], joint: int) -> list[int]:
+    """List a joint and everything above it."""
+    chain = [int(joint)]
+    while parents[chain[-1]] != NO_PARENT:
+        chain.append(int(parents[chain[-1]]))
+    return chain

@@ -1,0 +1,98 @@
+"""Play a clip on a figure: the source's world turns on the figure's own bones.
+
+[IE] Musoni et al. 2021, Sec. 5.3: with equal rest poses the rotations are copied unchanged. The
+figure's joint frames at rest are the source's, so a copied world frame carries twist as well.
+Translations that a clip moves (the root, squash and stretch, IK feet) are scaled to the figure.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from bunraku.graphs import parents_first
+from bunraku.rotations import (
+    compose_transforms,
+    decompose_transforms,
+    invert_rigid,
+    matrices_to_quaternions,
+)
+from bunraku.skinning import clip_transforms, forward_kinematics, local_transforms
+from bunraku.types import NO_PARENT, Clip, Skeleton
+
+
+@dataclass(frozen=True, eq=False)
+class Retarget:
+    """What carries clips of a source skeleton to a figure: both at rest, and who carries whom."""
+
+    source: Skeleton
+    places: Float[np.ndarray, "joints 3"]  # the figure's joints in the source's rest pose
+    carriers: Int[np.ndarray, " joints"]  # whose motion carries each joint's place
+    scale: float  # figure to source, of the way the root travels
+    heading: Float[np.ndarray, "3 3"]  # turn about the vertical from the source's front
+
+
+def rest_frames(
+    source: Skeleton, places: Float[np.ndarray, "joints 3"]
+) -> Float[np.ndarray, "joints 4 4"]:
+    """Give world_from_joint with the source's rest orientations at the figure's rest places."""
+    world = forward_kinematics(source.parents, source.rest)
+    return compose_transforms(places, world[:, :3, :3])
+
+
+def face_heading(retarget: Retarget) -> Float[np.ndarray, "4 4"]:
+    """Turn the world from the source's front to the figure's, about the figure's root."""
+    about = retarget.places[parents_first(retarget.carriers)[0]]
+    return compose_transforms(about - retarget.heading @ about, retarget.heading)
+
+
+def retarget_clip(clip: Clip, retarget: Retarget) -> Clip:
+    """Carry one clip to the figure: rotations copied in the world, places rebuilt bone by bone.
+
+    Returns:
+        the clip of the same name and times, parent_from_joint on the figure's skeleton.
+    """
+    source = retarget.source
+    moving = forward_kinematics(source.parents, clip_transforms(clip))
+    at_rest = forward_kinematics(source.parents, source.rest)
+    figure = rest_frames(source, retarget.places)
+    placed = moving.copy()
+    for joint in parents_first(retarget.carriers):
+        carrier = int(retarget.carriers[joint])
+        if carrier == NO_PARENT:
+            travelled = moving[:, joint, :3, 3] - at_rest[joint, :3, 3]
+            placed[:, joint, :3, 3] = figure[joint, :3, 3] + retarget.scale * travelled
+            continue
+        offset = place_in_frame(at_rest[carrier], at_rest[joint])
+        own = place_in_frame(figure[carrier], figure[joint])
+        carried = np.linalg.solve(moving[:, carrier], moving[:, joint])[:, :3, 3]
+        local = own + length_ratio(own, offset, retarget.scale) * (carried - offset)
+        turned = np.einsum("fab,fb->fa", placed[:, carrier, :3, :3], local)
+        placed[:, joint, :3, 3] = placed[:, carrier, :3, 3] + turned
+    return as_clip(clip, local_transforms(source.parents, face_heading(retarget) @ placed))
+
+
+def place_in_frame(
+    world_from_carrier: Float[np.ndarray, "4 4"], world_from_joint: Float[np.ndarray, "4 4"]
+) -> Float[np.ndarray, "3"]:
+    """Give a joint's place in its carrier's frame."""
+    return (invert_rigid(world_from_carrier) @ world_from_joint)[:3, 3]
+
+
+def length_ratio(
+    own: Float[np.ndarray, "3"], offset: Float[np.ndarray, "3"], otherwise: float
+) -> float:
+    """Compare two bones' lengths; a bone without length takes the whole figure's ratio."""
+    length = float(np.linalg.norm(offset))
+    if length < 1e-4:
+        return otherwise
+    return float(np.clip(np.linalg.norm(own) / length, 0.25 * otherwise, 4.0 * otherwise))
+
+
+def as_clip(clip: Clip, local: Float[np.ndarray, "frames joints 4 4"]) -> Clip:
+    """Put local transforms back into a clip's parts, neighbouring quaternions on one side."""
+    translations, rotations, scales = decompose_transforms(local)
+    quaternions = matrices_to_quaternions(rotations)
+    same = np.einsum("fjc,fjc->fj", quaternions[1:], quaternions[:-1]) >= 0
+    quaternions[1:] *= np.cumprod(np.where(same, 1.0, -1.0), axis=0)[:, :, None]
+    return Clip(clip.name, clip.times, translations, quaternions, scales)

@@ -1,0 +1,170 @@
+"""Carry joints from one surface to another through a map between them.
+
+Two ways, both local: the affine regressor (joints as fixed combinations of the vertices around
+them) and the similarity that moves a joint's neighbourhood best. After Marin, Musoni, Melzi,
+Castellani 2021, "Methodology for skeleton transfer"; closed form in place of gradient descent.
+"""
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from bunraku.graphs import parents_first
+from bunraku.rotations import nearest_rotation
+from bunraku.types import NO_PARENT
+
+LEAST_SUPPORT = 12  # vertices that must surround a joint before an affine regressor is trusted
+
+
+def joint_support(
+    weights: Float[np.ndarray, "vertices joints"],
+    parents: Int[np.ndarray, " joints"],
+    *,
+    least: float = 0.1,
+) -> Bool[np.ndarray, "vertices joints"]:
+    """Mark the vertices around each joint: those that it and its parent both move.
+
+    Args:
+        least: weight that both must exceed; a root needs .5 of its own.
+    """
+    with_parent = weights[:, np.where(parents == NO_PARENT, 0, parents)]
+    both = (weights > least) & (with_parent > least)
+    return np.asarray(np.where(parents == NO_PARENT, weights > 0.5, both))
+
+
+def regress_joints(
+    vertices: Float[np.ndarray, "vertices 3"],
+    areas: Float[np.ndarray, " vertices"],
+    support: Bool[np.ndarray, "vertices joints"],
+    joints: Float[np.ndarray, "joints 3"],
+    images: Float[np.ndarray, "vertices 3"],
+) -> tuple[Float[np.ndarray, "joints 3"], Bool[np.ndarray, " joints"]]:
+    """Place joints by minimum-norm affine weights: min sum r^2/m s.t. [X; 1]^T r = [J; 1].
+
+    Args:
+        vertices: source surface at rest.
+        areas: of its vertices, m.
+        support: vertices around each joint, from `joint_support`.
+        joints: source joints at rest.
+        images: where the map puts the source's vertices on the target.
+
+    Returns:
+        joints on the target, and which of them had enough support (the others are NaN).
+    """
+    placed = np.full(joints.shape, np.nan)
+    known = support.sum(axis=0) >= LEAST_SUPPORT
+    for joint in np.flatnonzero(known):
+        around = np.flatnonzero(support[:, joint])
+        mass = areas[around] / areas[around].sum()
+        centre = mass @ vertices[around]
+        rows = np.vstack([(vertices[around] - centre).T, np.ones(len(around))])
+        wanted = np.append(joints[joint] - centre, 1.0)
+        multiplier = np.linalg.lstsq((rows * mass) @ rows.T, wanted, rcond=1e-6)[0]
+        placed[joint] = (mass * (multiplier @ rows)) @ images[around]
+    return placed, known
+
+
+def region_weights(
+    areas: Float[np.ndarray, " vertices"],
+    weights: Float[np.ndarray, "vertices joints"],
+    parents: Int[np.ndarray, " joints"],
+) -> Float[np.ndarray, "vertices joints"]:
+    """Weigh the vertices around each joint: area x W_j x (W_parent + a little W_j)."""
+    above = np.where(parents == NO_PARENT, np.arange(len(parents)), parents)
+    return areas[:, None] * weights * (weights[:, above] + 0.02 * weights)
+
+
+def fit_similarities(
+    vertices: Float[np.ndarray, "vertices 3"],
+    images: Float[np.ndarray, "vertices 3"],
+    regions: Float[np.ndarray, "vertices joints"],
+) -> tuple[
+    Float[np.ndarray, "joints 3 3"],
+    Float[np.ndarray, " joints"],
+    Float[np.ndarray, "joints 3"],
+    Float[np.ndarray, "joints 3"],
+]:
+    """Fit image = centre_image + scale * R (vertex - centre) to each weighted region (Umeyama).
+
+    Returns:
+        rotations, scales, centres and image centres; a region without weight stays put.
+    """
+    mass = regions.sum(axis=0)
+    share = regions / np.maximum(mass, 1e-30)
+    centres, image_centres = share.T @ vertices, share.T @ images
+    products = np.einsum("va,vb->vab", images, vertices).reshape(len(vertices), 9)
+    covariance = (share.T @ products).reshape(-1, 3, 3)
+    covariance -= image_centres[:, :, None] * centres[:, None, :]
+    spread = share.T @ (vertices**2).sum(axis=1) - (centres**2).sum(axis=1)
+    rotations = nearest_rotation(covariance + 1e-12 * np.eye(3))
+    scales = np.einsum("jab,jab->j", rotations, covariance) / np.maximum(spread, 1e-30)
+    empty = (mass <= 1e-12) | (scales <= 0)
+    rotations[empty], scales[empty] = np.eye(3), 1.0
+    return rotations, scales, centres, image_centres
+
+
+def carry_joints(
+    vertices: Float[np.ndarray, "vertices 3"],
+    areas: Float[np.ndarray, " vertices"],
+    weights: Float[np.ndarray, "vertices joints"],
+    joints: Float[np.ndarray, "joints 3"],
+    parents: Int[np.ndarray, " joints"],
+    images: Float[np.ndarray, "vertices 3"],
+) -> Float[np.ndarray, "joints 3"]:
+    """Place every joint on the target, in metres: by regressor and similarity where both know it.
+
+    Joints that move no surface (a floor root, poles, finger tips) keep their place beside the
+    nearest joint of the tree that does.
+
+    Args:
+        vertices: source surface at rest, with `areas` and skin `weights`.
+        joints: source joints at rest.
+        parents: their tree.
+        images: where the source's vertices lie on the target.
+    """
+    rotations, scales, centres, image_centres = fit_similarities(
+        vertices, images, region_weights(areas, weights, parents)
+    )
+    similar = image_centres + scales[:, None] * np.einsum("jab,jb->ja", rotations, joints - centres)
+    regressed, known = regress_joints(
+        vertices, areas, joint_support(weights, parents), joints, images
+    )
+    placed = np.where(known[:, None], (regressed + similar) / 2, similar)
+    carrier = nearest_moving_joint(areas @ weights > 1e-6 * areas.sum(), parents)
+    beside = np.flatnonzero(carrier != np.arange(len(parents)))
+    by = carrier[beside]
+    offset = np.einsum("jab,jb->ja", rotations[by], joints[beside] - joints[by])
+    placed[beside] = placed[by] + scales[by, None] * offset
+    return placed
+
+
+def nearest_moving_joint(
+    moves: Bool[np.ndarray, " joints"], parents: Int[np.ndarray, " joints"]
+) -> Int[np.ndarray, " joints"]:
+    """Give each joint the joint that carries it: itself, else its nearest ancestor that moves
+    surface, else (above all that do) the first that does."""
+    carrier = np.arange(len(parents))
+    first = int(np.flatnonzero(moves)[0]) if moves.any() else 0
+    for joint in np.flatnonzero(~moves):
+        carrier[joint] = first if parents[joint] == NO_PARENT else carrier[parents[joint]]
+    return carrier
+
+
+def surface_turns(
+    vertices: Float[np.ndarray, "vertices 3"],
+    areas: Float[np.ndarray, " vertices"],
+    weights: Float[np.ndarray, "vertices joints"],
+    carriers: Int[np.ndarray, " joints"],
+    images: Float[np.ndarray, "vertices 3"],
+) -> tuple[Float[np.ndarray, "joints 3 3"], Float[np.ndarray, " joints"]]:
+    """Read off how each joint's own surface has turned from the source's rest to the figure.
+
+    Returns:
+        world rotations, and how far to trust each (0 for a joint that moves no surface, which
+        then turns with its carrier).
+    """
+    turns, _, _, _ = fit_similarities(vertices, images, areas[:, None] * weights**2)
+    share = areas @ weights / areas.sum()
+    for joint in parents_first(carriers):
+        if share[joint] < 1e-6 and carriers[joint] != NO_PARENT:
+            turns[joint] = turns[carriers[joint]]
+    return turns, np.minimum(1.0, share / 0.01)
