@@ -1,5 +1,6 @@
 """Read and write glTF 2.0, GLB and VRM."""
 
-from bunraku.formats.gltf.reading import read_figure
+from bunraku.formats.gltf.character import read_character
+from bunraku.formats.gltf.figure import read_figure
 
-__all__ = ["read_figure"]
+__all__ = ["read_character", "read_figure"]
