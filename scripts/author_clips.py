@@ -1,0 +1,41 @@
+"""Author the clips of the built-in human and store them in bunraku/builtin/clips.npz.
+
+How to run, after scripts/bake_human.py (needs only the package itself):
+
+    python scripts/author_clips.py
+
+Every clip is written as curves in scripts/choreography/: where the hips travel, how pelvis, chest
+and head turn, where the feet stand and roll, how the arms hang. Legs reach their feet by inverse
+kinematics, so that a planted foot stays where it is. Stored are the hips' path and one local
+quaternion a joint and frame, 30 frames a second; the same script gives the same bytes.
+"""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from choreography import gaits
+from choreography.body import clip_arrays
+from choreography.curves import RATE
+
+OUTPUT = Path(__file__).parents[1] / "bunraku" / "builtin" / "clips.npz"
+CLIPS = {"walk": gaits.walk, "run": gaits.run}
+
+
+def main() -> None:
+    """Author every clip and store them in one file."""
+    parser = argparse.ArgumentParser(description=main.__doc__)
+    parser.add_argument("--output", type=Path, default=OUTPUT)
+    output = parser.parse_args().output
+    stored: dict[str, np.ndarray] = {"names": np.array(list(CLIPS)), "rate": np.array(RATE)}
+    for name, author in CLIPS.items():
+        arrays = clip_arrays(author())
+        stored[f"{name}.hips"] = arrays["hips"].astype(np.float32)
+        stored[f"{name}.rotations"] = arrays["rotations"].astype(np.float32)
+        print(f"{name}: {len(arrays['hips'])} frames")
+    np.savez_compressed(output, **stored)
+
+
+if __name__ == "__main__":
+    main()
