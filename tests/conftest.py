@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from bunraku.skinning import forward_kinematics
-from bunraku.types import Mesh, Skeleton, Skin
+from bunraku.types import Character, Mesh, Skeleton, Skin
+from tests.creatures import make_creature
 
 SHARED_DATA = Path(__file__).parents[2] / "shared" / "data"
 
@@ -54,3 +55,9 @@ def cube() -> Mesh:
     corners = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     return Mesh(corners, np.array([f for a, b, c, d in quads for f in ((a, b, c), (a, c, d))]))
+
+
+@pytest.fixture(scope="session")
+def creature() -> Character:
+    """The smallest whole character: 1.1 m high, 3,300 vertices, seven joints, one clip "Wave"."""
+    return make_creature()
