@@ -36,7 +36,7 @@ def matrices_to_vectors(rotations: Matrices) -> Float[np.ndarray, "*batch 3"]:
 
 def rotation_angles(rotations: Matrices) -> Float[np.ndarray, "*batch"]:
     """Give the angle of each rotation, in radians, 0 to pi."""
-    return np.linalg.norm(matrices_to_vectors(rotations), axis=-1)
+    return np.asarray(np.linalg.norm(matrices_to_vectors(rotations), axis=-1))
 
 
 def nearest_rotation(matrices: Matrices) -> Matrices:

@@ -76,7 +76,7 @@ def distances(points: np.ndarray) -> np.ndarray:
 
 def make_surface(cell: float) -> Mesh:
     """Triangulate the smooth union of the capsules on a grid, facing outwards."""
-    low, high = np.array([-0.6, -0.06, -0.42]), np.array([0.6, 1.15, 0.32])
+    low, high = np.array([-0.6137, -0.0621, -0.4219]), np.array([0.6, 1.15, 0.32])
     counts = np.ceil((high - low) / cell).astype(int) + 1
     nodes = low + cell * np.indices(tuple(counts)).reshape(3, -1).T
     field = -0.02 * np.log(np.exp(-distances(nodes) / 0.02).sum(axis=1)).reshape(counts)
