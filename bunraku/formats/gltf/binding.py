@@ -52,23 +52,93 @@ def read_inverse_bind(document: Document, skin: int) -> Float[np.ndarray, "joint
 def bind_skins(document: Document, tree: Tree, blocks: list[Block]) -> Binding:
     """Find the bind pose of every joint of the skins that move something shown.
 
-    If skins differ about a joint, the one that moves more of the mesh is believed. In a file
+    Skins made in one pose decide together where it lies in the world. If skins were made in
+    different poses, each joint is taken from the one that moves more of the mesh. In a file
     without skinned meshes, all skins count.
     """
-    mass = _weigh_skins(document, blocks)
+    poses = _gather_poses(document, tree, blocks)
     bind: dict[int, Matrix] = {}
     world_from_mesh: dict[int, Matrix] = {}
     skin_bind: dict[int, Float[np.ndarray, "joints 4 4"]] = {}
-    for skin in sorted(mass, key=lambda index: (-mass[index].sum(), index)):
-        joints, inverse_bind = document.gltf.skins[skin].joints, read_inverse_bind(document, skin)
-        mesh_from_joint = np.linalg.inv(inverse_bind)
-        opinions = tree.world[joints] @ inverse_bind
-        points = mesh_from_joint[:, :3, 3]
-        world_from_mesh[skin] = agree_on_placement(opinions, mass[skin], points)
-        skin_bind[skin] = world_from_mesh[skin] @ mesh_from_joint
-        for place, node in enumerate(joints):
-            bind.setdefault(node, skin_bind[skin][place])
+    for pose in poses:
+        nodes = list(pose.joint_from_pose)
+        inverse_bind = np.stack([pose.joint_from_pose[node] for node in nodes])
+        pose_from_joint = np.linalg.inv(inverse_bind)
+        world_from_pose = agree_on_placement(
+            tree.world[nodes] @ inverse_bind,
+            np.array([pose.mass[node] for node in nodes]),
+            pose_from_joint[:, :3, 3],
+            recorded=pose.recorded,
+        )
+        world_from_joint = dict(zip(nodes, world_from_pose @ pose_from_joint, strict=True))
+        for skin, pose_from_mesh in pose.pose_from_mesh.items():
+            world_from_mesh[skin] = world_from_pose @ pose_from_mesh
+            joints = document.gltf.skins[skin].joints
+            skin_bind[skin] = np.stack([world_from_joint[node] for node in joints])
+        bind |= _carry_over(tree, bind, world_from_joint)
     return Binding(bind, world_from_mesh, skin_bind)
+
+
+@dataclass(frozen=True, eq=False)
+class _Pose:
+    """Skins that were bound in one pose of their joints, in the mesh space of the heaviest."""
+
+    joint_from_pose: dict[int, Matrix]  # by node
+    mass: dict[int, float]  # of each joint
+    pose_from_mesh: dict[int, Matrix]  # by skin
+    recorded: Matrix | None  # world_from_pose, as the node of the heaviest skin's mesh has it
+
+
+def _gather_poses(document: Document, tree: Tree, blocks: list[Block]) -> list[_Pose]:
+    """Put skins together that agree about the joints they share, heaviest first."""
+    mass, poses = _weigh_skins(document, blocks), list[_Pose]()
+    for skin in sorted(mass, key=lambda index: (-mass[index].sum(), index)):
+        inverse_bind = read_inverse_bind(document, skin)
+        joints = dict(zip(document.gltf.skins[skin].joints, inverse_bind, strict=True))
+        weights = dict(zip(joints, mass[skin].tolist(), strict=True))
+        for pose in poses:
+            pose_from_mesh = _match_pose(pose, joints)
+            if pose_from_mesh is not None:
+                break
+        else:
+            nodes = (b.node for b in blocks if document.gltf.nodes[b.node].skin == skin)
+            node = next(nodes, None)
+            recorded = None if node is None else tree.world[node]
+            pose, pose_from_mesh = _Pose({}, {}, {}, recorded), np.eye(4)
+            poses.append(pose)
+        pose.pose_from_mesh[skin] = pose_from_mesh
+        mesh_from_pose = np.linalg.inv(pose_from_mesh)
+        for node, joint_from_mesh in joints.items():
+            pose.joint_from_pose.setdefault(node, joint_from_mesh @ mesh_from_pose)
+            pose.mass[node] = pose.mass.get(node, 0.0) + weights[node]
+    return poses
+
+
+def _match_pose(pose: _Pose, joints: dict[int, Matrix]) -> Matrix | None:
+    """Give pose_from_mesh if a skin's joints stand to each other as they do in the pose."""
+    shared = [node for node in joints if node in pose.joint_from_pose]
+    if not shared:
+        return None
+    pose_from_joint = np.linalg.inv(np.stack([pose.joint_from_pose[node] for node in shared]))
+    opinions = pose_from_joint @ np.stack([joints[node] for node in shared])
+    size = max(float(np.ptp(pose_from_joint[:, :3, 3], axis=0).max()), 1e-12)
+    points = np.linalg.inv(joints[shared[0]])[:3, 3]
+    moved = opinions[:, :3, :3] @ points + opinions[:, :3, 3]
+    linear = opinions[:, :3, :3] / np.abs(opinions[0, :3, :3]).max()
+    is_same = np.ptp(linear, axis=0).max() < 1e-3 and np.ptp(moved, axis=0).max() < 1e-3 * size
+    return opinions[0] if is_same else None
+
+
+def _carry_over(tree: Tree, bind: dict[int, Matrix], found: dict[int, Matrix]) -> dict[int, Matrix]:
+    """Give the joints that only a lighter pose knows their place in the heavier ones' pose."""
+    fresh: dict[int, Matrix] = {}
+    for node in found.keys() - bind.keys():
+        above = next(
+            (step for step in tree.ancestors(node) if step in bind and step in found), None
+        )
+        turn = np.eye(4) if above is None else bind[above] @ np.linalg.inv(found[above])
+        fresh[node] = turn @ found[node]
+    return fresh
 
 
 def _weigh_skins(

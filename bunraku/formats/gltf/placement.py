@@ -2,7 +2,9 @@
 
 Every joint has an opinion, `world_from_mesh = world_from_joint @ inverse_bind`. They agree when
 the file stands in its bind pose. When arms hang down in a file bound in a T pose, the trunk and
-the head still agree: most of the body's mass decides.
+the head still agree: most of the body's mass decides. glTF ignores the transform of a skinned
+mesh's own node, but exporters leave in it where the mesh was when it was bound: if its scale is
+the joints' own, and most joints do not contradict it, that is the better witness.
 """
 
 from itertools import permutations, product
@@ -15,15 +17,20 @@ from bunraku.rotations import (
     decompose_transforms,
     nearest_rotation,
     rotation_angles,
+    vectors_to_matrices,
 )
 
-AGREED_ANGLE, CLEAN_ANGLE = np.radians(5.0), np.radians(6.0)
+AGREED_ANGLE, CLEAN_ANGLE, ALIKE_ANGLE = np.radians((5.0, 6.0, 15.0))
+SAME_SCALE, NEAR, MAJORITY = 0.01, 0.25, 0.5
+CLEAR_VOTE = 0.5  # of 4, the difference in trace between opposite headings
 
 
 def agree_on_placement(
     opinions: Float[np.ndarray, "joints 4 4"],
     mass: Float[np.ndarray, " joints"],
     points: Float[np.ndarray, "joints 3"],
+    *,
+    recorded: Float[np.ndarray, "4 4"] | None = None,
 ) -> Float[np.ndarray, "4 4"]:
     """Give the one world_from_mesh that joints with their opinions on it agree on best.
 
@@ -31,10 +38,12 @@ def agree_on_placement(
         opinions: world_from_mesh of each joint.
         mass: how much of the mesh each joint moves; joints without mass have no say.
         points: a point of each joint in the mesh's space, where its opinion counts.
+        recorded: world_from_node of the mesh's own node.
 
     Returns:
-        the opinion itself, if there is only one; else a similarity: the median scale, the
-        rotation most of the mass shares (along the axes, if it nearly is), the median offset.
+        the opinion itself, if there is only one; else `recorded`, if it is credible; else a
+        similarity: the median scale, the rotation most of the mass shares (along the axes, if it
+        nearly is), the median offset.
     """
     mass = mass if mass.sum() > 0 else np.ones(len(opinions))
     moved = np.einsum("jrc,jc->jr", opinions[:, :3, :3], points) + opinions[:, :3, 3]
@@ -49,7 +58,45 @@ def agree_on_placement(
     rotation, friends = _shared_rotation(rotations, mass)
     offsets = moved - scale * points @ rotation.T
     offset = np.array([_weighted_median(axis[friends], mass[friends]) for axis in offsets.T])
-    return compose_transforms(offset, rotation, np.full(3, scale))
+    agreed = compose_transforms(offset, rotation, np.full(3, scale))
+    share = float(mass[friends].sum() / mass.sum())
+    if recorded is not None and _is_credible(recorded, agreed, share=share, size=size):
+        return _turn_to_heading(recorded, rotations, mass)
+    return agreed
+
+
+def _turn_to_heading(
+    recorded: Float[np.ndarray, "4 4"],
+    rotations: Float[np.ndarray, "joints 3 3"],
+    mass: Float[np.ndarray, " joints"],
+) -> Float[np.ndarray, "4 4"]:
+    """Turn a placement by quarters about the vertical, if the joints clearly face elsewhere."""
+    upright = decompose_transforms(recorded)[1]
+    quarters = vectors_to_matrices(np.outer(np.arange(4), (0.0, np.pi / 2, 0.0)))
+    votes = np.einsum("j,jrc,krc->k", mass, rotations, quarters @ upright) / mass.sum()
+    best = int(votes.argmax())
+    if votes[best] - votes[0] < CLEAR_VOTE:
+        return recorded
+    turned = recorded.copy()
+    turned[:3, :3] = quarters[best] @ recorded[:3, :3]
+    return turned
+
+
+def _is_credible(
+    recorded: Float[np.ndarray, "4 4"],
+    agreed: Float[np.ndarray, "4 4"],
+    *,
+    share: float,
+    size: float,
+) -> bool:
+    """Tell whether a mesh node's transform has the joints' scale and they do not outvote it."""
+    _, rotation, scale = decompose_transforms(recorded)
+    _, voted, wanted = decompose_transforms(agreed)
+    if np.abs(scale / wanted - 1).max() > SAME_SCALE:
+        return False
+    is_near = float(np.abs(recorded - agreed)[:3, 3].max()) < NEAR * size
+    is_turned_alike = float(rotation_angles(rotation.T @ voted)) < ALIKE_ANGLE
+    return share < MAJORITY or (is_near and is_turned_alike)
 
 
 def _shared_rotation(

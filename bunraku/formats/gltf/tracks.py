@@ -86,10 +86,18 @@ def _read_track(document: Document, channel: Channel, sampler: Sampler, times: T
     keys = values[1::3] if is_spline else values
     if path == "rotation" and (np.einsum("kc,kc->k", keys, keys) < 1e-12).any():
         raise document.fault(where, "a key is a zero quaternion; export the clip again")
-    is_constant = bool((keys == keys[0]).all()) and not (is_spline and values[0::3].any())
-    if is_spline and is_constant:
-        is_constant = not values[2::3].any()
+    is_constant = _is_constant(values, keys, sampler.interpolation)
     return Track(node, path, sampler.interpolation, times, values, is_constant)
+
+
+def _is_constant(values: Values, keys: Values, interpolation: str) -> bool:
+    """Tell whether keys do not differ; exporters' constants come as STEP, with rounding noise."""
+    if interpolation == "LINEAR":
+        return bool((keys == keys[0]).all())
+    if interpolation == "STEP":
+        return float(np.ptp(keys, axis=0).max()) <= 1e-4 * float(np.abs(keys).max())
+    tangents = np.concatenate([values[0::3], values[2::3]])
+    return bool((keys == keys[0]).all()) and not tangents.any()
 
 
 def choose_times(document: Document, animation: int, tracks: list[Track], *, dense: bool) -> Times:
