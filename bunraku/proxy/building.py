@@ -7,8 +7,10 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from bunraku import meshes
-from bunraku.proxy import voxels
+from bunraku.proxy import solids, surfaces, voxels
 from bunraku.types import Mesh
+
+THICKNESS = 1.8  # of a surface without inside, in cells: no node spacing slips through
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +40,7 @@ def build_proxy(
     """
     welded, kept, _ = meshes.weld(vertices, faces)
     kept = face_outwards(welded, kept)
-    mesh = wrap(welded, kept, vertex_count)
+    mesh = wrap(Mesh(welded, kept), vertex_count)
     face, barycentric, _ = meshes.closest_points(vertices, mesh.vertices, mesh.faces)
     return Proxy(mesh, mesh.faces[face], barycentric)
 
@@ -63,18 +65,32 @@ def face_outwards(
     return np.where((volume < 0)[patch][:, None], turned[:, ::-1], turned)
 
 
-def wrap(
-    vertices: Float[np.ndarray, "vertices 3"], faces: Int[np.ndarray, "faces 3"], vertex_count: int
-) -> Mesh:
+def fitting_grid(samples: Float[np.ndarray, "samples 3"], touched: int) -> voxels.Grid:
+    """Choose the cell so that the surface touches about this many nodes."""
+    coarse = voxels.grid_around(samples, 64)
+    count = int(voxels.touched_nodes(samples, coarse).sum())
+    cells = int(np.clip(64 * np.sqrt(touched / count), 80, 160))
+    return voxels.grid_around(samples, cells)
+
+
+def wrap(figure: Mesh, vertex_count: int) -> Mesh:
     """Triangulate the border of the figure's solid anew, with about this many vertices."""
-    grid = voxels.grid_around(vertices, 110)
-    inside = voxels.inside_by_winding(vertices, faces, grid)
-    face, barycentric = meshes.sample_surface(vertices, faces, 120_000, np.random.default_rng(0))
-    samples = meshes.interpolate(vertices, faces[face], barycentric)
-    sheet = voxels.sheet_samples(samples, inside, grid)
-    solid = voxels.solid_nodes(voxels.thicken(inside, sheet, grid))
-    field = voxels.signed_distance(solid, vertices, faces, sheet, grid)
-    fine, triangles = voxels.march(field, grid)
-    if len(fine) > vertex_count:
-        fine, triangles, *_ = igl.decimate(fine, triangles, 2 * vertex_count)
-    return Mesh(fine, triangles.astype(np.int64))
+    rng = np.random.default_rng(0)
+    face, barycentric = meshes.sample_surface(figure.vertices, figure.faces, 200_000, rng)
+    samples = meshes.interpolate(figure.vertices, figure.faces[face], barycentric)
+    grid = fitting_grid(samples, 8 * vertex_count)
+    normals = meshes.face_normals(figure.vertices, figure.faces)[face]
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+
+    def winding(points: Float[np.ndarray, "points 3"]) -> Float[np.ndarray, " points"]:
+        return igl.fast_winding_number(figure.vertices, figure.faces, points)
+
+    inside = voxels.inside_nodes(winding, samples, grid)
+    sheet = voxels.sheet_samples(samples, normals, inside, grid)
+    solid = solids.solid_nodes(voxels.thicken(inside, sheet, grid, THICKNESS))
+    field = surfaces.signed_distance(solid, figure, sheet, grid, THICKNESS)
+    fine = surfaces.march(field, grid)
+    if len(fine.vertices) <= vertex_count:
+        return fine
+    vertices, faces, *_ = igl.decimate(fine.vertices, fine.faces, 2 * vertex_count)
+    return Mesh(vertices, faces.astype(np.int64))

@@ -1,19 +1,16 @@
 """Which nodes of a grid lie inside a figure that may be open, torn, thin or in many parts."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
-import igl
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from bunraku import meshes
-
-MARGIN = 3  # empty nodes around the figure
-SHEET = 0.75  # half the thickness given to a surface without inside, in cells
-FACES_AROUND = ndimage.generate_binary_structure(3, 1)
-ALL_AROUND = ndimage.generate_binary_structure(3, 3)
+Winding = Callable[[Float[np.ndarray, "points 3"]], Float[np.ndarray, " points"]]
+MARGIN = 2  # empty nodes around the figure, at the coarsest level
+LEVELS = 3  # halvings of the cell, from the coarsest grid to the one that is marched
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,160 +19,119 @@ class Grid:
 
     origin: Float[np.ndarray, "3"]
     cell: float  # metres between neighbouring nodes
-    shape: tuple[int, int, int]
+    shape: tuple[int, ...]
 
     def points(self, nodes: Int[np.ndarray, "nodes 3"]) -> Float[np.ndarray, "nodes 3"]:
         """Place nodes, given by their three indices, in the world."""
         return self.origin + self.cell * nodes
 
+    def nodes(self, points: Float[np.ndarray, "points 3"]) -> tuple[np.ndarray, ...]:
+        """Find the node nearest to each point, as three arrays of indices."""
+        nearest = np.round((points - self.origin) / self.cell).astype(np.int64)
+        return tuple(np.clip(nearest, 0, np.array(self.shape) - 1).T)
 
-def grid_around(points: Float[np.ndarray, "points 3"], cells: int) -> Grid:
-    """Lay a grid over points with this many cells along their longest side."""
+    def coarser(self, level: int) -> "Grid":
+        """Keep every 2^level-th node along each side."""
+        step = 2**level
+        shape = tuple((size - 1) // step + 1 for size in self.shape)
+        return Grid(self.origin, self.cell * step, shape)
+
+
+def grid_around(
+    points: Float[np.ndarray, "points 3"], cells: int, *, most_nodes: int = 3_000_000
+) -> Grid:
+    """Lay a grid over points with this many cells along their longest side.
+
+    Args:
+        most_nodes: bound on the size of the grid; a compact figure gets larger cells.
+    """
     low, extent = points.min(axis=0), np.ptp(points, axis=0)
-    cell = float(extent.max()) / cells
-    counts = np.ceil(extent / cell).astype(int) + 1 + 2 * MARGIN
-    return Grid(low - MARGIN * cell, cell, (int(counts[0]), int(counts[1]), int(counts[2])))
+    cell = max(
+        float(extent.max()) / cells,
+        float((extent + extent.max() / 20).prod() / most_nodes) ** (1 / 3),
+    )
+    step = cell * 2**LEVELS
+    counts = np.ceil(extent / step).astype(int) + 2 * MARGIN
+    shape = tuple(int(count) * 2**LEVELS + 1 for count in counts)
+    return Grid(low - MARGIN * step, cell, shape)
 
 
-def inside_by_winding(
-    vertices: Float[np.ndarray, "vertices 3"], faces: Int[np.ndarray, "faces 3"], grid: Grid
+def inside_nodes(
+    winding: Winding, samples: Float[np.ndarray, "samples 3"], grid: Grid
 ) -> Bool[np.ndarray, "x y z"]:
-    """Mark the nodes around which the surface winds more than half a time.
+    """Mark the nodes around which the surface winds more than half a time, coarse to fine.
+
+    Finer grids ask only near the surface and where the coarser one sees a border.
+
+    Args:
+        winding: the winding number of the surface around points.
+        samples: points of the surface, less than a cell apart.
 
     Reference:
         Barill et al. 2018, "Fast winding numbers for soups and clouds".
     """
-    nodes = np.indices(grid.shape).reshape(3, -1).T
-    winding = igl.fast_winding_number(vertices, faces, grid.points(nodes))
-    return (np.abs(winding) > 0.5).reshape(grid.shape)
+    inside = np.zeros(grid.coarser(LEVELS).shape, bool)
+    asked = np.ones(inside.shape, bool)
+    for level in range(LEVELS, -1, -1):
+        coarse = grid.coarser(level)
+        if level < LEVELS:
+            some, every = _between(inside, np.logical_or), _between(inside, np.logical_and)
+            asked = (some & ~every) | dilate(touched_nodes(samples, coarse))
+            inside = every
+        nodes = np.argwhere(asked)
+        inside[tuple(nodes.T)] = np.abs(winding(coarse.points(nodes))) > 0.5
+    return inside
+
+
+def _between(mask: Bool[np.ndarray, "x y z"], join: np.ufunc) -> Bool[np.ndarray, "x2 y2 z2"]:
+    """Double a grid; each new node joins the marks of the old nodes around it."""
+    for axis in range(3):
+        old = np.moveaxis(mask, axis, 0)
+        doubled = np.empty((2 * len(old) - 1, *old.shape[1:]), bool)
+        doubled[::2], doubled[1::2] = old, join(old[:-1], old[1:])
+        mask = np.moveaxis(doubled, 0, axis)
+    return np.ascontiguousarray(mask)
+
+
+def touched_nodes(samples: Float[np.ndarray, "samples 3"], grid: Grid) -> Bool[np.ndarray, "x y z"]:
+    """Mark the node nearest to each sample."""
+    touched = np.zeros(grid.shape, bool)
+    touched[grid.nodes(samples)] = True
+    return touched
+
+
+def dilate(mask: Bool[np.ndarray, "x y z"], steps: int = 1) -> Bool[np.ndarray, "x y z"]:
+    """Mark what lies within so many nodes of the marked, diagonals included."""
+    return ndimage.maximum_filter(mask.view(np.uint8), 2 * steps + 1, mode="constant").view(bool)
+
+
+def erode(mask: Bool[np.ndarray, "x y z"], steps: int = 1) -> Bool[np.ndarray, "x y z"]:
+    """Keep what lies at least so many nodes within the marked, diagonals included."""
+    return ~dilate(~mask, steps)
 
 
 def sheet_samples(
-    samples: Float[np.ndarray, "samples 3"], inside: Bool[np.ndarray, "x y z"], grid: Grid
+    samples: Float[np.ndarray, "samples 3"],
+    normals: Float[np.ndarray, "samples 3"],
+    inside: Bool[np.ndarray, "x y z"],
+    grid: Grid,
 ) -> Float[np.ndarray, "sheet 3"]:
-    """Keep the surface samples that no inside node is near: a cape, a skirt, a lone leaf."""
-    near = ndimage.binary_dilation(inside, ALL_AROUND)
-    node = np.round((samples - grid.origin) / grid.cell).astype(int)
-    return samples[~near[tuple(node.T)]]
+    """Keep the samples with the outside on both sides: a cape, a skirt, a hair card."""
+    sides = [inside[grid.nodes(samples + step * grid.cell * normals)] for step in (-1, 0, 1)]
+    return samples[~np.any(sides, axis=0)]
 
 
 def thicken(
-    inside: Bool[np.ndarray, "x y z"], sheet: Float[np.ndarray, "sheet 3"], grid: Grid
-) -> Bool[np.ndarray, "x y z"]:
-    """Mark the nodes within half a sheet's thickness of its samples too."""
-    if not len(sheet):
-        return inside
-    touched = np.zeros(grid.shape, bool)
-    touched[tuple(np.round((sheet - grid.origin) / grid.cell).astype(int).T)] = True
-    nodes = np.argwhere(ndimage.binary_dilation(touched, ALL_AROUND) & ~inside)
-    distance, _ = cKDTree(sheet).query(grid.points(nodes))
-    solid = inside.copy()
-    solid[tuple(nodes[distance < SHEET * grid.cell].T)] = True
-    return solid
-
-
-def bridge(inside: Bool[np.ndarray, "x y z"], *, reach: float = 8.0) -> Bool[np.ndarray, "x y z"]:
-    """Tie loose pieces to the largest with one rod each, at their nearest nodes; drop the rest.
-
-    One rod a piece never makes a handle, where closing the gap could make many.
-
-    Args:
-        reach: longest rod, in cells; a piece farther away is dropped.
-    """
-    solid, (pieces, count) = inside.copy(), ndimage.label(inside, FACES_AROUND)
-    if count <= 1:
-        return solid
-    sizes = np.bincount(pieces.ravel())[1:]
-    main = pieces == 1 + int(sizes.argmax())
-    loose = {int(i) + 1 for i in np.argsort(-sizes, kind="stable")[1:]}
-    while loose:
-        distance, nearest = ndimage.distance_transform_edt(~main, return_indices=True)
-        gaps = ndimage.minimum(distance, pieces, sorted(loose))
-        best = int(np.argmin(gaps))
-        piece = sorted(loose)[best]
-        if gaps[best] > reach:
-            break
-        members = np.argwhere(pieces == piece)
-        start = members[distance[tuple(members.T)].argmin()]
-        rod = _rod(start, nearest[(slice(None), *start)], inside.shape)
-        main |= (pieces == piece) | rod
-        loose.discard(piece)
-    return main
-
-
-def _rod(
-    start: Int[np.ndarray, "3"], stop: Int[np.ndarray, "3"], shape: tuple[int, ...]
-) -> Bool[np.ndarray, "x y z"]:
-    """Mark a straight row of nodes, two thick, from one node to another."""
-    steps = 2 * int(np.abs(stop - start).max()) + 1
-    line = np.round(np.linspace(start, stop, steps)).astype(int)
-    rod = np.zeros(shape, bool)
-    rod[tuple(line.T)] = True
-    return ndimage.binary_dilation(rod, FACES_AROUND)
-
-
-def solid_nodes(
     inside: Bool[np.ndarray, "x y z"],
-) -> Bool[np.ndarray, "x y z"]:
-    """Make one solid of the marked nodes: fill what is enclosed, keep the largest piece."""
-    filled = ndimage.binary_fill_holes(bridge(inside), FACES_AROUND)
-    pieces, _ = ndimage.label(filled, FACES_AROUND)
-    return pieces == 1 + int(np.bincount(pieces.ravel())[1:].argmax())
-
-
-def signed_distance(
-    solid: Bool[np.ndarray, "x y z"],
-    vertices: Float[np.ndarray, "vertices 3"],
-    faces: Int[np.ndarray, "faces 3"],
     sheet: Float[np.ndarray, "sheet 3"],
     grid: Grid,
-) -> Float[np.ndarray, "x y z"]:
-    """Measure, in cells, how far each node beside the solid's border is from it; < 0 inside.
-
-    The sign always agrees with `solid`, so that its topology is that of the level set.
-    """
-    border = ndimage.binary_dilation(solid, ALL_AROUND) & ~ndimage.binary_erosion(solid, ALL_AROUND)
-    nodes = np.argwhere(border)
-    points = grid.points(nodes)
-    distance = meshes.closest_points(points, vertices, faces)[2] / grid.cell
-    within = solid[tuple(nodes.T)]
-    level = np.where(within, -distance, distance)
-    if len(sheet):
-        from_sheet = cKDTree(sheet).query(points)[0] / grid.cell
-        beside = from_sheet < distance + 0.3
-        level = np.where(beside, from_sheet - SHEET, level)
-    level = np.where(within, np.clip(level, -1.0, -0.1), np.clip(level, 0.1, 1.0))
-    field = np.where(solid, -1.0, 1.0)
-    field[tuple(nodes.T)] = level
-    return field
-
-
-def march(
-    field: Float[np.ndarray, "x y z"], grid: Grid
-) -> tuple[Float[np.ndarray, "vertices 3"], Int[np.ndarray, "faces 3"]]:
-    """Triangulate the zero level of a field by marching cubes, on the cells that it crosses."""
-    number = np.arange(field.size).reshape(field.shape)
-    offsets = [
-        (0, 0, 0),
-        (1, 0, 0),
-        (1, 1, 0),
-        (0, 1, 0),
-        (0, 0, 1),
-        (1, 0, 1),
-        (1, 1, 1),
-        (0, 1, 1),
-    ]
-    x, y, z = (size - 1 for size in field.shape)
-    inside = field < 0
-    corners = [inside[a : a + x, b : b + y, c : c + z] for a, b, c in offsets]
-    count = np.sum(corners, axis=0, dtype=np.int8)
-    crossed = (count > 0) & (count < 8)
-    cells = np.stack(
-        [number[a : a + x, b : b + y, c : c + z][crossed] for a, b, c in offsets], axis=1
-    )
-    used, cells = np.unique(cells, return_inverse=True)
-    nodes = np.stack(np.unravel_index(used, field.shape), axis=1)
-    vertices, faces, _ = igl.marching_cubes(
-        field.ravel()[used], grid.points(nodes), cells.reshape(-1, 8), 0.0
-    )
-    return vertices, faces.astype(np.int64)
+    thickness: float,
+) -> Bool[np.ndarray, "x y z"]:
+    """Mark the nodes within half a sheet's thickness (in cells) of its samples too."""
+    if not len(sheet):
+        return inside
+    nodes = np.argwhere(dilate(touched_nodes(sheet, grid)) & ~inside)
+    distance, _ = cKDTree(sheet).query(grid.points(nodes), distance_upper_bound=2 * grid.cell)
+    solid = inside.copy()
+    solid[tuple(nodes[distance < thickness / 2 * grid.cell].T)] = True
+    return solid
