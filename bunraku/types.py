@@ -43,7 +43,7 @@ def check_shape(name: str, array: np.ndarray, shape: tuple[int, ...], why: str) 
 
 def check_finite(name: str, array: np.ndarray) -> None:
     """Raise a ValueError naming the first entry that is NaN or infinite."""
-    bad = ~np.isfinite(array).reshape(len(array), -1).all(axis=1)
+    bad = ~np.isfinite(array).all(axis=tuple(range(1, array.ndim)))
     if bad.any():
         raise ValueError(f"{name} must be finite; {bad.sum()} are not, first {int(bad.argmax())}")
 

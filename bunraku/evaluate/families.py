@@ -87,7 +87,8 @@ def can_teach(source: Character, target: Character) -> bool:
     It is if both have clips of the same name, or if the target has none and takes the source's
     by joint name.
     """
-    if not len(target.mesh.faces) or not source.clips or shared_joints(source, target) < 0.8:
+    whole = len(source.mesh.faces) and len(target.mesh.faces) and source.clips
+    if not whole or shared_joints(source, target) < 0.8:
         return False
     common = plain_names(source.clips).keys() & plain_names(target.clips).keys()
     return bool(common) or not target.clips

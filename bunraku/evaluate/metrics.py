@@ -44,16 +44,15 @@ def pose_distance_in_place(vertices: Points, truth: Points, height: float) -> fl
 
 
 def edge_ratios(
-    vertices: Points, reference: Points, faces: Int[np.ndarray, "faces 3"]
-) -> Float[np.ndarray, "*frames edges"]:
+    vertices: Points, reference: Points, ends: Int[np.ndarray, "edges 2"]
+) -> Float[np.ndarray, "*frames real"]:
     """Divide the length of each edge by its length in the reference; edges without length go."""
-    ends = mesh_edges(faces)
     lengths, expected = (
         np.linalg.norm(points[..., ends[:, 0], :] - points[..., ends[:, 1], :], axis=-1)
         for points in (vertices, reference)
     )
     longest = expected.max(initial=0.0)
-    real = (expected > 1e-6 * longest).reshape(-1, len(ends)).all(axis=0)
+    real = (expected > 1e-6 * longest).all(axis=tuple(range(expected.ndim - 1)))
     return lengths[..., real] / expected[..., real]
 
 
@@ -65,14 +64,18 @@ def edge_length_score(vertices: Points, truth: Points, faces: Int[np.ndarray, "f
     Reference:
         Wang et al. 2023, Sec. 4.3.
     """
-    return float(1 - np.abs(edge_ratios(vertices, truth, faces) - 1).mean())
+    return float(1 - np.abs(edge_ratios(vertices, truth, mesh_edges(faces)) - 1).mean())
 
 
 def stretch(
-    vertices: Points, rest: Float[np.ndarray, "vertices 3"], faces: Int[np.ndarray, "faces 3"]
+    vertices: Points, rest: Float[np.ndarray, "vertices 3"], ends: Int[np.ndarray, "edges 2"]
 ) -> float:
-    """Give the 99th percentile of edge lengths over their lengths at rest; 1 is no stretch."""
-    ratios = edge_ratios(vertices, np.broadcast_to(rest, vertices.shape), faces)
+    """Give the 99th percentile of edge lengths over their lengths at rest; 1 is no stretch.
+
+    Args:
+        ends: the edges that count, all or a sample.
+    """
+    ratios = edge_ratios(vertices, np.broadcast_to(rest, vertices.shape), ends)
     return float(np.percentile(ratios, 99)) if ratios.size else 1.0
 
 

@@ -2,11 +2,12 @@
 
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from itertools import zip_longest
+from itertools import islice, zip_longest
 from pathlib import Path
 from typing import Protocol, TypeVar, runtime_checkable
 
 import msgspec
+import numpy as np
 from rich.table import Table
 
 
@@ -67,10 +68,22 @@ def append_row(state: Path, row: object) -> None:
         os.fsync(file.fileno())
 
 
-def spread(groups: Iterable[Sequence[TaskT]], limit: int | None) -> list[TaskT]:
-    """Take tasks from each group in turn, up to the limit, so that a sample shows every group."""
-    turns = (task for turn in zip_longest(*groups) for task in turn if task is not None)
-    return [task for i, task in enumerate(turns) if limit is None or i < limit]
+def group_by_family(tasks: Iterable[TaskT]) -> list[list[TaskT]]:
+    """Gather the tasks whose keys begin alike."""
+    groups: dict[object, list[TaskT]] = {}
+    for task in tasks:
+        groups.setdefault(task.key()[0], []).append(task)
+    return list(groups.values())
+
+
+def sample(groups: Iterable[Sequence[TaskT]], limit: int | None) -> list[TaskT]:
+    """Take every task; or, up to a limit, tasks of each group in turn, the same ones each time."""
+    if limit is None:
+        return [task for group in groups for task in group]
+    rng = np.random.default_rng(0)
+    shuffled = [[group[i] for i in rng.permutation(len(group))] for group in groups]
+    turns = (task for turn in zip_longest(*shuffled) for task in turn if task is not None)
+    return list(islice(turns, limit))
 
 
 def make_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> Table:

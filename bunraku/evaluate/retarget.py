@@ -238,6 +238,17 @@ def _common_joints(
     return np.array(ours, np.int64), np.array(theirs, np.int64)
 
 
+def describe(row: Row) -> str:
+    """Put one row on one line."""
+    numbers = ", ".join(
+        f"{method} {scores.pmd:.2f}/{scores.pmd_in_place:.2f}/{scores.els:.2f}"
+        for method, scores in row.scores.items()
+    )
+    joints = "" if row.joints is None else f", joints {row.joints:.1f} %h, {row.seconds:.0f} s"
+    failure = f", FAILED: {row.failure}" if row.failure else ""
+    return f"{row.family} {row.source}>{row.target} {row.pose}: {numbers}{joints}{failure}"
+
+
 def tabulate(rows: Sequence[Row]) -> Table:
     """Set the means of each family, at rest and frozen, and of all rows, in a table."""
     groups = {

@@ -3,6 +3,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bunraku.evaluate import metrics
+from bunraku.graphs import mesh_edges
 from bunraku.types import Mesh
 
 
@@ -64,9 +65,9 @@ def test_edges_without_length_do_not_count(cube):
 
 
 def test_stretch_is_the_factor_of_a_uniform_growth(cube):
-    assert metrics.stretch(1.5 * cube.vertices[None], cube.vertices, cube.faces) == pytest.approx(
-        1.5
-    )
+    grown, ends = 1.5 * cube.vertices[None], mesh_edges(cube.faces)
+    assert metrics.stretch(grown, cube.vertices, ends) == pytest.approx(1.5)
+    assert metrics.stretch(grown, cube.vertices, ends[:0]) == 1.0
 
 
 def test_bone_direction_error_of_right_angles(rng):

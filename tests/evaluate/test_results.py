@@ -2,7 +2,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from bunraku.evaluate.results import make_table, measure_all, read_rows, spread
+from bunraku.evaluate.results import group_by_family, make_table, measure_all, read_rows, sample
 
 
 @dataclass(frozen=True)
@@ -40,9 +40,17 @@ def test_without_a_state_file_everything_is_measured():
 
 
 def test_a_sample_takes_from_every_group():
-    groups = [[Line("a1"), Line("a2"), Line("a3")], [Line("b1")]]
-    assert [task.name for task in spread(groups, 3)] == ["a1", "b1", "a2"]
-    assert len(spread(groups, None)) == 4
+    groups = [[Line(f"a{i}") for i in range(9)], [Line("b1")]]
+    names = [task.name for task in sample(groups, 4)]
+    assert "b1" in names
+    assert len(set(names)) == 4
+    assert names == [task.name for task in sample(groups, 4)]
+    assert [task.name for task in sample(groups, None)] == [f"a{i}" for i in range(9)] + ["b1"]
+
+
+def test_tasks_are_grouped_by_the_first_part_of_their_keys():
+    tasks = [Line("a"), Line("b"), Line("a", 2.0)]
+    assert group_by_family(tasks) == [[Line("a"), Line("a", 2.0)], [Line("b")]]
 
 
 def test_numbers_are_printed_to_three_digits():

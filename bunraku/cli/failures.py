@@ -1,0 +1,90 @@
+"""Turn what went wrong into one line and an exit code."""
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import typer
+
+SUCCESS, BAD_INPUT, NO_MATCH, INTERRUPTED = 0, 2, 3, 130
+LONGEST_LINE = 300
+UsageError: type[BaseException] = typer.BadParameter.__mro__[1]  # of the parser typer came with
+
+
+@contextmanager
+def about(path: Path | str) -> Iterator[None]:
+    """Name a file in every error that does not name one itself."""
+    from bunraku.types import FormatError, MatchError
+
+    try:
+        yield
+    except FormatError:
+        raise
+    except MatchError as error:
+        raise MatchError(f"{path}: {error}") from error
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        reason = f"{error.strerror or error}; check the path"
+        raise FormatError(error.filename or path, "", reason) from error
+    except MemoryError as error:
+        raise FormatError(path, "", "needs more memory than there is; simplify it") from error
+    except ValueError as error:
+        raise FormatError(path, "", str(error)) from error
+
+
+def describe_failure(error: BaseException) -> tuple[int, str]:
+    """Give the exit code and the one line for an error that a user can act on.
+
+    Raises:
+        BaseException: the error itself, if it is ours: a bug keeps its traceback.
+    """
+    from bunraku.types import FormatError, MatchError
+
+    match error:
+        case MatchError():
+            return NO_MATCH, shorten(f"error: {error}")
+        case FormatError():
+            return BAD_INPUT, shorten(f"error: {error}")
+        case KeyboardInterrupt() | typer.Abort():
+            return INTERRUPTED, "error: interrupted; nothing is left half-written"
+        case BrokenPipeError():
+            return SUCCESS, ""
+        case UsageError():
+            return BAD_INPUT, shorten(f"error: {_usage_message(error)}")
+    raise error
+
+
+def _usage_message(error: BaseException) -> str:
+    """Say which option is wrong, and where help is."""
+    message = getattr(error, "format_message", error.__str__)()
+    context = getattr(error, "ctx", None)
+    command = context.command_path if context else "bunraku"
+    return f"{command}: {message} See {command} --help"
+
+
+def shorten(line: str, length: int = LONGEST_LINE) -> str:
+    """Put a message on one line of at most `length` characters, cut in the middle."""
+    line = " ".join(line.split())
+    if len(line) <= length:
+        return line
+    tail = length // 3
+    return f"{line[: length - tail - 5]} ... {line[-tail:]}"
+
+
+class WarningLines(logging.Handler):
+    """Print each warning once, as `warning: FILE: ...`."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(logging.WARNING)
+        self.path, self.printed = path, set[str]()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Print a record, unless it has been."""
+        message = record.getMessage()
+        if not message.startswith(str(self.path)):
+            message = f"{self.path}: {message}"
+        if message not in self.printed:
+            self.printed.add(message)
+            typer.echo(shorten(f"warning: {message}"), err=True)

@@ -1,0 +1,207 @@
+"""What commands have in common: checks before long work, performances, progress."""
+
+import logging
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+from bunraku import builtin
+from bunraku.cli.failures import WarningLines, about
+from bunraku.evaluate.report import report_transfer
+from bunraku.formats import read_character, read_figure, read_motion
+from bunraku.formats.files import read_bytes, write_atomically
+from bunraku.formats.sniffing import sniff
+from bunraku.humanoids import transfer_motion
+from bunraku.routes.from_rig import RigTransfer, animate_from_rig
+from bunraku.skinning import linear_blend_skinning
+from bunraku.types import Character, Clip, Figure, FormatError, Mesh
+
+logger = logging.getLogger(__name__)
+
+
+def check_output(
+    path: Path | None, suffixes: Sequence[str], *, inputs: Sequence[Path | None]
+) -> None:
+    """Refuse a file that cannot be written, before any long work.
+
+    Raises:
+        FormatError: if its ending is none of `suffixes`, its folder is missing or closed to us,
+            or it is a folder or one of the inputs.
+    """
+    if path is None:
+        return
+    if path.suffix.lower() not in suffixes:
+        raise FormatError(path, "", f"must end in {' or '.join(suffixes)}; choose another name")
+    if any(given is not None and path.resolve() == given.resolve() for given in inputs):
+        raise FormatError(path, "", "is also read; write to another file")
+    if path.is_dir():
+        raise FormatError(path, "", "is a folder; name a file in it")
+    try:
+        with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f".{path.stem[:40]}."):
+            pass
+    except OSError as error:
+        reason = f"cannot be written ({error.strerror}); choose a folder that exists and is open"
+        raise FormatError(path, "", reason) from error
+
+
+def read_performer(path: Path | None) -> Character:
+    """Read what a figure is to be moved by: a rigged character, a motion, or the built-in human.
+
+    Raises:
+        FormatError: if the file holds neither.
+    """
+    if path is None:
+        return builtin.human()
+    if path.is_dir():
+        raise FormatError(path, "", "is a folder; give a rigged .glb, .gltf or .vrm, or a .bvh")
+    with about(path):
+        if sniff(path, read_bytes(path)) != "bvh":
+            return read_character(path)
+        human = builtin.human()
+        recorded, clip = read_motion(path)
+        return replace(human, clips=(transfer_motion(recorded, clip, human.skeleton),))
+
+
+def choose_clips(
+    performer: Character, names: Sequence[str] | None, path: Path | None
+) -> tuple[Clip, ...]:
+    """Choose the performer's clips by name; all of them if no name is given.
+
+    Raises:
+        FormatError: if there are no clips, or none of that name.
+    """
+    where = path or Path("built-in human")
+    if not performer.clips:
+        message = "has a rig but no clips; give an animated file, or use bunraku rig"
+        raise FormatError(where, "", message)
+    known = {clip.name: clip for clip in performer.clips}
+    for name in names or ():
+        if name not in known:
+            listed = ", ".join(repr(other) for other in known)
+            raise FormatError(where, "", f"has no clip {name!r}; it has {listed}")
+    return tuple(known[name] for name in dict.fromkeys(names)) if names else performer.clips
+
+
+def read_landmarks(
+    path: Path | None, performer: Character
+) -> Mapping[str, tuple[float, float, float]] | None:
+    """Read where a few of the performer's joints are in the figure.
+
+    Raises:
+        FormatError: if the file is not {"joint": [x, y, z], ...}, or the joint does not exist.
+    """
+    if path is None:
+        return None
+    content = read_bytes(path)
+    try:
+        landmarks = msgspec.json.decode(content, type=dict[str, tuple[float, float, float]])
+    except msgspec.DecodeError as error:
+        message = f'must be {{"joint name": [x, y, z], ...}}: {error}'
+        raise FormatError(path, "", message) from error
+    known = performer.skeleton.names
+    for name in landmarks:
+        if name not in known:
+            message = f"no such joint; the performance has {', '.join(known)}"
+            raise FormatError(path, f"/{name}", message)
+    return landmarks
+
+
+@contextmanager
+def working(path: Path) -> Iterator[None]:
+    """Show progress on a terminal and warnings about a file while something long runs."""
+    logger = logging.getLogger("bunraku")
+    previous = logger.level
+    with ExitStack() as stack:
+        handlers: list[logging.Handler] = [WarningLines(path)]
+        if sys.stderr.isatty():
+            columns = TextColumn("{task.description:<24}"), BarColumn(), TimeElapsedColumn()
+            progress = Progress(*columns, console=Console(stderr=True), transient=True)
+            handlers.append(StageBar(stack.enter_context(progress)))
+        for handler in handlers:
+            logger.addHandler(handler)
+            stack.callback(logger.removeHandler, handler)
+        logging.captureWarnings(True)  # NumPy's own go to a logger that nobody prints
+        stack.callback(logging.captureWarnings, False)
+        logger.setLevel(logging.INFO)
+        stack.callback(logger.setLevel, previous)
+        with about(path):
+            yield
+
+
+class StageBar(logging.Handler):
+    """Show the stage that a route announces."""
+
+    def __init__(self, progress: Progress) -> None:
+        super().__init__(logging.INFO)
+        self.progress, self.task = progress, progress.add_task("", total=None)
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Show a record's message, if it is no warning."""
+        if record.levelno < logging.WARNING:
+            self.progress.update(self.task, description=record.getMessage())
+
+
+def read_target(path: Path, *, up: str | None, facing: str | None) -> Figure:
+    """Read the figure, which must have faces.
+
+    Raises:
+        FormatError: if it cannot be read or has no faces.
+    """
+    found = read_figure(path, up=up, facing=facing)
+    if not len(found.mesh.faces):
+        message = "has no faces, only points; give a surface (Poisson reconstruction makes one)"
+        raise FormatError(path, "", message)
+    return found
+
+
+def match(
+    source: Character,
+    found: Figure,
+    clips: Sequence[Clip],
+    *,
+    seed: int,
+    force: bool,
+) -> RigTransfer:
+    """Run the route, and print what it found doubtful."""
+    transfer = animate_from_rig(source, found.mesh, clips=clips, seed=seed, force=force)
+    for message in transfer.warnings:
+        logger.warning("%s: %s", found.path, message)
+    return transfer
+
+
+def at_rest(transfer: RigTransfer) -> Mesh:
+    """Move the figure into the rest pose of its performer."""
+    mesh, skin = transfer.character.mesh, transfer.character.skin
+    vertices = linear_blend_skinning(mesh.vertices, skin.weights, transfer.repose_motion)
+    return Mesh(vertices, mesh.faces)
+
+
+def report_on(
+    found: Figure,
+    performance: Path | None,
+    source: Character,
+    transfer: RigTransfer,
+    *,
+    started: float,
+) -> dict[str, object]:
+    """Gather the report of a run that began at `started`, in seconds of the same clock."""
+    return report_transfer(
+        found.path,
+        {"path": str(performance or "built-in human")},
+        source,
+        transfer,
+        total_seconds=time.perf_counter() - started,
+    )
+
+
+def write_report(path: Path, report: Mapping[str, object]) -> None:
+    """Write a report as JSON that a person can read."""
+    write_atomically(path, msgspec.json.format(msgspec.json.encode(report), indent=2) + b"\n")

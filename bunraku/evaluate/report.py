@@ -1,0 +1,146 @@
+"""How far to trust a moved figure, in numbers: what `--report` writes (DESIGN section 4)."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.spatial import KDTree
+
+from bunraku import __version__
+from bunraku.evaluate import metrics
+from bunraku.evaluate.families import play_at
+from bunraku.graphs import mesh_edges
+from bunraku.meshes import connected_parts, weld
+from bunraku.routes.from_rig import RigTransfer
+from bunraku.skinning import clip_transforms, forward_kinematics
+from bunraku.types import Character, Clip, Mesh, Skin
+
+
+@dataclass(frozen=True)
+class ClipReport:
+    """One moving clip, measured on a few of its frames, edges and vertices."""
+
+    name: str
+    seconds: float
+    frames: int
+    stretch_p99: float
+    foot_slide_m: float  # metres per second of contact
+    penetration_fraction: float
+
+
+def report_transfer(
+    figure_path: str,
+    performance: Mapping[str, object],
+    source: Character,
+    transfer: RigTransfer,
+    *,
+    total_seconds: float,
+) -> dict[str, object]:
+    """Gather what the route found, in the fields of DESIGN section 4.
+
+    Args:
+        figure_path: the figure's file as the user named it.
+        performance: what is known of the source's file.
+        source: the performing character.
+        transfer: what the route gave.
+        total_seconds: from the start of the command, reading included.
+    """
+    moved = transfer.character
+    mesh, weights = moved.mesh, moved.skin.weights
+    return {
+        "bunraku": __version__,
+        "route": "from_rig",
+        "figure": {
+            "path": figure_path,
+            "vertices": len(mesh.vertices),
+            "faces": len(mesh.faces),
+            "parts": count_parts(mesh),
+            "height": metrics.figure_height(mesh.vertices),
+        },
+        "performance": {**performance, "joints": len(source.skeleton.names)},
+        "seconds": {"total": total_seconds, **transfer.seconds},
+        "confidence": transfer.confidence,
+        "warnings": list(transfer.warnings),
+        "map": {"mirrored": transfer.mirrored, "score": transfer.score},
+        "skin": {
+            "influences_max": int((weights > 0).sum(axis=1).max(initial=0)),
+            "unweighted_vertices": int((weights.sum(axis=1) == 0).sum()),
+        },
+        "clips": [asdict(clip) for clip in describe_clips(source, transfer)],
+    }
+
+
+def describe_clips(source: Character, transfer: RigTransfer) -> Iterator[ClipReport]:
+    """Measure every clip that was carried over."""
+    moved = transfer.character
+    clips = {clip.name: clip for clip in source.clips}
+    sample, ends = sample_edges(moved)
+    solid = wear_skin(moved, transfer.target_proxy.mesh)
+    for carried in moved.clips:
+        thin, thick = (np.linspace(0, 1, count) for count in (8, 3))
+        yield ClipReport(
+            carried.name,
+            float(carried.times[-1] - carried.times[0]),
+            len(carried.times),
+            metrics.stretch(play_at(sample, carried, thin), sample.mesh.vertices, ends),
+            slide_of_clip(source, moved, clips.get(carried.name, carried), carried),
+            metrics.penetration_fraction(
+                play_at(solid, carried, thick), solid.mesh.vertices, solid.mesh.faces
+            ),
+        )
+
+
+def count_parts(mesh: Mesh) -> int:
+    """Count the connected parts of a mesh once vertices at equal positions are merged."""
+    vertices, faces, _ = weld(mesh.vertices, mesh.faces)
+    return len(np.unique(connected_parts(faces, len(vertices))[np.unique(faces)]))
+
+
+def sample_edges(
+    character: Character, *, count: int = 3000
+) -> tuple[Character, Int[np.ndarray, "edges 2"]]:
+    """Take edges evenly from a character; give what of it they need, and their ends in that."""
+    ends = mesh_edges(character.mesh.faces)
+    ends = ends[np.linspace(0, len(ends) - 1, min(count, len(ends))).astype(np.int64)]
+    used, places = np.unique(ends, return_inverse=True)
+    skin = Skin(character.skin.weights[used], character.skin.inverse_bind)
+    points = Mesh(character.mesh.vertices[used], np.zeros((0, 3), np.int64))
+    return Character(points, character.skeleton, skin), places.reshape(-1, 2)
+
+
+def wear_skin(character: Character, mesh: Mesh) -> Character:
+    """Give a mesh in a character's place the weights of the character's nearest vertices."""
+    nearest = KDTree(character.mesh.vertices).query(mesh.vertices)[1]
+    skin = Skin(character.skin.weights[nearest], character.skin.inverse_bind)
+    return Character(mesh, character.skeleton, skin)
+
+
+def find_feet(character: Character, *, low: float = 0.12) -> Int[np.ndarray, " feet"]:
+    """Find the joints that touch the ground: low in the bind pose, and with skin of their own."""
+    vertices = character.mesh.vertices
+    joints = np.linalg.inv(character.skin.inverse_bind)[:, :3, 3]
+    above = (joints[:, 1] - vertices[:, 1].min()) / metrics.figure_height(vertices)
+    share = character.skin.weights.sum(axis=0) / len(vertices)
+    return np.flatnonzero((above < low) & (share > 1e-3))
+
+
+def slide_of_clip(source: Character, moved: Character, clip: Clip, carried: Clip) -> float:
+    """Give how fast planted feet slide, in metres per second; contacts are the source's.
+
+    Args:
+        source: the character whose clip it was.
+        moved: the figure, which has the source's joints.
+        clip: as the source plays it.
+        carried: as the figure plays it, frame by frame.
+    """
+    feet = find_feet(source)
+    height = metrics.figure_height(source.mesh.vertices)
+    planted = metrics.foot_contacts(joint_paths(source, clip)[:, feet], clip.times, height)
+    return metrics.foot_slide(joint_paths(moved, carried)[:, feet], planted, carried.times)
+
+
+def joint_paths(character: Character, clip: Clip) -> Float[np.ndarray, "frames joints 3"]:
+    """Follow every joint through a clip, in metres."""
+    world = forward_kinematics(character.skeleton.parents, clip_transforms(clip))
+    return world[..., :3, 3].copy()
