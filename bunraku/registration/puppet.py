@@ -172,7 +172,8 @@ def merge_small_joints(
     """Give each joint the joint that carries its surface: itself, or an ancestor if it is small.
 
     Leaves are merged first, so that a hand collects its fingers before it is judged itself; a
-    small root (a rig's origin on the floor) goes to its heaviest child.
+    small root (a rig's origin on the floor) goes to its heaviest child, a small root without
+    children (an exporter's neutral bone) to the heaviest joint of all.
     """
     owner, mass = np.arange(len(mass)), mass.copy()
     for joint in range(len(mass) - 1, -1, -1):
@@ -184,6 +185,7 @@ def merge_small_joints(
         if owner[joint] == joint and mass[joint] < least and len(children):
             owner[joint] = children[mass[children].argmax()]
         owner[joint] = owner[owner[joint]]
+    owner[(owner == np.arange(len(mass))) & (mass < least)] = mass.argmax()
     return owner[owner]
 
 
@@ -279,7 +281,8 @@ def tree_of_places(
     is no ancestor (a foot that an IK rig hangs off the root goes with its leg).
     """
     carriers = parents.copy()
-    for joint, parent in zip(puppet.joints[1:], puppet.joints[puppet.parents[1:]], strict=True):
+    above = puppet.joints[puppet.parents[1:]]
+    for joint, parent in zip(puppet.joints[1:].tolist(), above.tolist(), strict=True):
         if parent not in ancestors(parents, joint) and joint not in ancestors(carriers, parent):
             carriers[joint] = parent
     return carriers
