@@ -2,5 +2,6 @@
 
 from bunraku.formats.gltf.character import read_character
 from bunraku.formats.gltf.figure import read_figure
+from bunraku.formats.gltf.writing import encode_character, encode_mesh
 
-__all__ = ["read_character", "read_figure"]
+__all__ = ["encode_character", "encode_mesh", "read_character", "read_figure"]

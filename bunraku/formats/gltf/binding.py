@@ -199,7 +199,7 @@ def place_node(tree: Tree, bind: dict[int, Matrix], node: int) -> Matrix:
 def place_block(document: Document, tree: Tree, binding: Binding, block: Block) -> Matrix:
     """Give world_from_mesh of a block in the bind pose."""
     skin = document.gltf.nodes[block.node].skin
-    if block.is_skinned and skin is not None:
+    if skin is not None and skin in binding.world_from_mesh:
         return binding.world_from_mesh[skin]
     return place_node(tree, binding.bind, block.node)
 

@@ -29,7 +29,7 @@ from bunraku.rotations import (
 )
 from bunraku.types import NO_PARENT, Clip
 
-SIMILAR = 1e-5  # how far from uniform a scale may be to count as such
+SIMILAR = 1e-4  # how far from uniform a scale may be: files carry as much rounding as that
 Samples = dict[tuple[int, str], Values]
 Matrices = Float[np.ndarray, "joints 4 4"]
 

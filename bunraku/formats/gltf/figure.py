@@ -47,8 +47,8 @@ def read_figure(
     document = read_document(path, content)
     tree = build_tree(document)
     blocks = read_blocks(document, tree)
-    if not any(len(block.faces) for block in blocks):
-        raise document.fault("/meshes", "no triangles are shown; export a surface")
+    if not blocks:
+        raise document.fault("/meshes", "no mesh is shown; export a surface")
     binding = bind_skins(document, tree, blocks)
     turn = np.eye(4) if world_from_file is None else world_from_file
     places = np.stack([turn @ place_block(document, tree, binding, b) for b in blocks])

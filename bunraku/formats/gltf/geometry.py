@@ -11,7 +11,8 @@ from bunraku.formats.gltf.influences import read_influences
 from bunraku.formats.gltf.schema import Primitive
 from bunraku.formats.gltf.tree import Tree
 
-TRIANGLES, STRIP, FAN = 4, 5, 6
+POINTS, TRIANGLES, STRIP, FAN = 0, 4, 5, 6
+SURFACE = {TRIANGLES, STRIP, FAN}
 MAX_VERTICES = 5_000_000
 
 
@@ -33,27 +34,32 @@ class Block:
 
 
 def read_blocks(document: Document, tree: Tree) -> list[Block]:
-    """Read the triangle primitives of every mesh node shown, in the order of the nodes.
+    """Read the triangles of every mesh node shown, in the order of the nodes, or else the points.
 
     Raises:
         FormatError: naming the accessor, if positions, indices or joints are damaged.
     """
-    blocks: list[Block] = []
-    for node in tree.order:
-        mesh = document.gltf.nodes[node].mesh
-        if mesh is not None and tree.is_shown[node]:
-            blocks += _read_mesh(document, node, mesh)
+    nodes, meshes = document.gltf.nodes, document.gltf.meshes
+    shown = [(node, nodes[node].mesh) for node in tree.order if tree.is_shown[node]]
+    pairs = [(node, mesh) for node, mesh in shown if mesh is not None]
+    modes = {primitive.mode for _, mesh in pairs for primitive in meshes[mesh].primitives}
+    wanted = SURFACE if modes & SURFACE else {POINTS}
+    blocks = [block for node, mesh in pairs for block in _read_mesh(document, node, mesh, wanted)]
     if sum(len(block.vertices) for block in blocks) > MAX_VERTICES:
         raise document.fault("/meshes", f"more than {MAX_VERTICES} vertices; decimate it first")
     return blocks
 
 
-def _read_mesh(document: Document, node: int, mesh: int) -> list[Block]:
+def _read_mesh(document: Document, node: int, mesh: int, wanted: set[int]) -> list[Block]:
     """Read a mesh as one node shows it, primitives over the same vertices together."""
     groups: dict[tuple[int, ...], list[int]] = {}
     for index, primitive in enumerate(document.gltf.meshes[mesh].primitives):
         where = f"/meshes/{mesh}/primitives/{index}"
-        if _is_surface(document, where, primitive):
+        if primitive.mode not in wanted:
+            document.warn(f"{where}: points or lines are kept, but are no part of the surface")
+        elif "POSITION" not in primitive.attributes:
+            document.warn(f"{where}: a primitive without POSITION is kept, but shows nothing")
+        else:
             groups.setdefault(_vertex_buffer(primitive), []).append(index)
     return [_read_block(document, node, mesh, tuple(group)) for group in groups.values()]
 
@@ -62,16 +68,6 @@ def _vertex_buffer(primitive: Primitive) -> tuple[int, ...]:
     """Give what tells apart the vertices of primitives: position and skin accessors."""
     names = sorted(name for name in primitive.attributes if name.startswith(("JOINTS", "WEIGHTS")))
     return tuple(primitive.attributes[name] for name in ["POSITION", *names])
-
-
-def _is_surface(document: Document, where: str, primitive: Primitive) -> bool:
-    if primitive.mode < TRIANGLES:
-        document.warn(f"{where}: points or lines are kept, but are no part of the surface")
-        return False
-    if "POSITION" not in primitive.attributes:
-        document.warn(f"{where}: a primitive without POSITION is kept, but shows nothing")
-        return False
-    return True
 
 
 def _read_block(document: Document, node: int, mesh: int, group: tuple[int, ...]) -> Block:
@@ -103,6 +99,8 @@ def read_positions(document: Document, accessor: int) -> Float[np.ndarray, "vert
 def _read_faces(
     document: Document, where: str, primitive: Primitive, count: int
 ) -> Int[np.ndarray, "faces 3"]:
+    if primitive.mode == POINTS:
+        return np.zeros((0, 3), np.int64)
     if primitive.indices is None:
         corners = np.arange(count)
     else:
