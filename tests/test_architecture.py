@@ -16,7 +16,7 @@ LAYERS = [
     BORDERS,
     {
         *{"proxy", "matching", "registration", "weights", "skeletons", "reposing"},
-        *{"depth", "curves", "bones", "embedding", "retargeting"},
+        *{"depth", "curves", "bones", "embedding", "retargeting", "humanoids"},
     },
     {"neural"},
     {"routes"},

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from bunraku.formats.bvh_text import Recording, parse_recording
 from bunraku.formats.files import Location
+from bunraku.rotations import compose_transforms
 from bunraku.skinning import forward_kinematics
 from bunraku.types import NO_PARENT, Clip, FormatError, Skeleton
 
@@ -167,22 +168,22 @@ def _stands_along_z(
     translations: Float[np.ndarray, "frames joints 3"],
     rotations: Float[np.ndarray, "frames joints 3 3"],
 ) -> bool:
-    """Tell whether bones run along z rather than y, in the rest pose or else in the motion.
+    """Tell whether the body is tall in z rather than y, in the rest pose or else in the motion.
 
-    Legs and trunk are most of a standing body's bone length. The rest pose decides if it is clear,
-    because a motion may well be that of somebody lying down.
+    The rest pose decides if it is clear, because a motion may well be that of somebody lying down;
+    it is not clear where all limbs point sideways or arms are spread along z.
     """
     parents = np.array(recording.parents)
-    bones = parents != NO_PARENT
-    _, y, z = np.abs(recording.offsets[bones]).sum(axis=0)
-    if max(y, z) > 1.3 * min(y, z):
+    rest = np.tile(np.eye(4), (len(parents), 1, 1))
+    rest[:, :3, 3] = recording.offsets
+    x, y, z = np.ptp(forward_kinematics(parents, rest)[:, :3, 3], axis=0)
+    if max(y, z) > 1.3 * min(y, z) and 2 * max(y, z) > x:
         return bool(z > y)
     step = max(1, len(translations) // 100)
-    local = np.tile(np.eye(4), (*rotations[::step].shape[:2], 1, 1))
-    local[..., :3, :3], local[..., :3, 3] = rotations[::step], translations[::step]
+    local = compose_transforms(translations[::step], rotations[::step])
     places = forward_kinematics(parents, local)[..., :3, 3]
-    lengths = np.abs(places[:, bones] - places[:, parents[bones]]).sum(axis=(0, 1))
-    return bool(lengths[2] > 1.3 * lengths[1])
+    _, y, z = np.median(np.ptp(places, axis=1), axis=0)
+    return bool(z > 1.3 * y)
 
 
 def _metres_per_unit(path: Location, recording: Recording) -> float:

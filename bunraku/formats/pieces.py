@@ -134,8 +134,9 @@ def _looks(materials: Sequence[Material], binary: _Binary) -> dict[str, object]:
                 image_of[material.image] = len(images)
                 images.append(_image(material, binary))
             surface["baseColorTexture"] = {"index": image_of[material.image]}
-        alpha = {"alphaMode": "BLEND"} if material.colour[3] < 1 else {}
-        listed.append({"name": material.name, "pbrMetallicRoughness": surface} | alpha)
+        listed.append({"name": material.name, "pbrMetallicRoughness": surface})
+        if material.colour[3] < 1:
+            listed[-1]["alphaMode"] = "BLEND"
     textures = [{"source": i} for i in range(len(images))]
     lists = {"materials": listed, "textures": textures, "images": images}
     return {name: entries for name, entries in lists.items() if entries}
