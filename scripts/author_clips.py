@@ -14,13 +14,24 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-
-from choreography import gaits
+from choreography import gaits, standing, weighty
 from choreography.body import clip_arrays
 from choreography.curves import RATE
 
 OUTPUT = Path(__file__).parents[1] / "bunraku" / "builtin" / "clips.npz"
-CLIPS = {"walk": gaits.walk, "run": gaits.run}
+CLIPS = {
+    "idle": standing.idle,
+    "walk": gaits.walk,
+    "run": gaits.run,
+    "jump": weighty.jump,
+    "wave": standing.wave_hand,
+    "dance": standing.dance,
+    "sitDown": weighty.sit_down,
+    "turn": standing.turn,
+    "cheer": standing.cheer,
+    "crouch": weighty.crouch,
+    "kick": weighty.kick,
+}
 
 
 def main() -> None:

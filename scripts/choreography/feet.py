@@ -39,12 +39,51 @@ def rolled(
     return place + np.einsum("fij,fj->fi", heading, local), toes
 
 
-def flat_foot(place: Triples, yaw: Float[np.ndarray, " frames"] | float, **more: object) -> Foot:
-    """Stand flat at a place."""
-    ankle = place + ANKLE
-    turn = np.zeros_like(ankle)
-    turn[:, 0] = yaw
-    return Foot(ankle, turn, **more)
+def planted(
+    place: Triples,
+    yaw: Float[np.ndarray, " frames"] | float,
+    *,
+    pitch: Float[np.ndarray, " frames"] | float = 0.0,
+    knee: Float[np.ndarray, " frames"] | float = 0.0,
+) -> Foot:
+    """Stand at a place, heel lifted by `pitch` > 0 or toes by `pitch` < 0."""
+    zero = np.zeros(len(place))
+    ankle, toes = rolled(place, yaw + zero, pitch + zero)
+    return Foot(ankle, columns(yaw, pitch + zero, 0.0), toes, knee)
+
+
+@dataclass(frozen=True)
+class Step:
+    """A step to a place of the floor: from when to when (seconds), where, how high."""
+
+    start: float
+    end: float
+    x: float
+    z: float
+    yaw: float
+    height: float = 0.07
+
+
+def stepping(
+    times: Float[np.ndarray, " frames"],
+    first: tuple[float, float, float],
+    steps: tuple[Step, ...],
+    *,
+    knee: Float[np.ndarray, " frames"] | float = 0.0,
+) -> Foot:
+    """Stand at (x, z, yaw), and make steps: heel up, off, over, ball down, heel down."""
+    where = np.tile(np.array([first[0], 0.0, first[1], first[2]]), (len(times), 1))
+    pitch = np.zeros(len(times))
+    for step in steps:
+        duration = step.end - step.start
+        share = np.clip((times - step.start) / duration, 0.0, 1.0)
+        late = np.clip((share - 0.1) / 0.8, 0.0, 1.0)
+        ease = late**3 * (late * (6 * late - 15) + 10)
+        where += np.multiply.outer(ease, [step.x, 0.0, step.z, step.yaw] - where[-1] * [1, 0, 1, 1])
+        where[:, 1] += step.height * np.sin(np.pi * share) ** 2
+        roll = [(-0.35, 0.0), (0.0, 24.0), (0.35, 26.0), (0.8, 2.0), (0.9, 5.0), (1.15, 0.0)]
+        pitch += keyed((times - step.start) / duration, roll)
+    return planted(where[:, :3], where[:, 3], pitch=pitch, knee=knee)
 
 
 @dataclass(frozen=True)

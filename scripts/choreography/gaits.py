@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float
 
 from choreography.body import STANDING, Arm, Posture, settle
-from choreography.curves import columns, frame_times, looped, wave
+from choreography.curves import columns, frame_times, wave
 from choreography.feet import Stride, stride_foot
 
 CYCLES = 2
@@ -66,8 +66,8 @@ def gait_arm(
     ahead, late = wave(phase), wave(phase, 0.06)
     return Arm(
         swing=forward + swing * ahead,
-        spread=9.0 + 2.0 * wave(phase, 0.5),
-        twist=16.0 + 8.0 * late,
+        spread=11.0 + 2.0 * wave(phase, 0.5),
+        twist=3.0 + 9.0 * late,
         elbow=elbow[0] + (elbow[1] - elbow[0]) * (late + 1) / 2,
         pronate=14.0 + 6.0 * late,
         wrist=8.0 + 5.0 * wave(phase, 0.15),
@@ -124,8 +124,8 @@ def run() -> Posture:
             ),
             left_foot=stride_foot(RUN, phase, "left"),
             right_foot=stride_foot(RUN, phase, "right"),
-            left_arm=gait_arm(phase - 0.5, forward=-8.0, swing=38.0, elbow=(78.0, 104.0)),
-            right_arm=gait_arm(phase, forward=-8.0, swing=38.0, elbow=(78.0, 104.0)),
+            left_arm=gait_arm(phase - 0.5, forward=-13.0, swing=42.0, elbow=(76.0, 104.0)),
+            right_arm=gait_arm(phase, forward=-13.0, swing=42.0, elbow=(76.0, 104.0)),
         ),
         limit=0.985,
     )

@@ -1,0 +1,329 @@
+"""Clips about the spot: idle, wave, turn, dance, cheer."""
+
+import numpy as np
+from jaxtyping import Float
+
+from choreography.body import STANDING, Arm, Foot, Posture, settle
+from choreography.curves import Keys, columns, frame_times, keyed, looped, wave
+from choreography.feet import Step, planted, stepping
+
+HALF_WIDTH = 0.10
+TOE_OUT = 9.0
+EASY = 0.982  # of the leg's length: knees not locked
+Curve = Float[np.ndarray, " frames"]
+
+
+def stance(times: Curve, side: str, *, heel: Curve | float = 0.0) -> Foot:
+    """Stand at ease with one foot."""
+    sign = 1.0 if side == "left" else -1.0
+    zero = np.zeros(len(times))
+    return planted(columns(zero + sign * HALF_WIDTH, 0.0, 0.0), sign * TOE_OUT, pitch=heel)
+
+
+def breath(times: Curve, seconds: float = 3.0) -> Curve:
+    """Breathe in and out between 0 and 1; in faster than out."""
+    return looped(times / seconds, [(0.0, 0.0), (0.4, 1.0), (0.5, 0.98)])
+
+
+def idle() -> Posture:
+    """Stand, breathe, shift the weight from one leg to the other and back, look around."""
+    times = frame_times(6.0)
+    phase, breathing = times / 6.0, breath(times)
+    shift = looped(phase, [(0.0, -1.0), (0.36, -0.9), (0.52, 1.0), (0.84, 0.9)])  # -1: right leg
+    late = looped(phase - 0.025, [(0.0, -1.0), (0.36, -0.9), (0.52, 1.0), (0.84, 0.9)])
+    look = looped(
+        phase,
+        [
+            (0.05, 0.0),
+            (0.16, 13.0),
+            (0.3, 12.0),
+            (0.44, -3.0),
+            (0.62, -11.0),
+            (0.76, -9.0),
+            (0.9, 0.0),
+        ],
+    )
+    nod = looped(phase, [(0.0, 2.0), (0.2, -1.0), (0.45, 3.5), (0.7, 0.0)])
+
+    def arm(side: float, swing: float) -> Arm:
+        return Arm(
+            swing=swing - 1.5 * breathing + 1.5 * side * late,
+            spread=10.0 + 1.2 * breathing - 2.0 * side * late,
+            elbow=16.0 + 2.0 * breathing + 2.5 * side * late,
+            shrug=1.8 * breathing,
+            reach=2.0 * wave(phase, 0.3),
+        )
+
+    return settle(
+        Posture(
+            hips=columns(
+                0.030 * shift,
+                STANDING - 0.006 * shift**2 + 0.003 * breathing,
+                0.006 * wave(phase, 0.7),
+            ),
+            pelvis=columns(-3.0 * shift, 1.0 + 0.5 * breathing, 2.6 * shift),
+            chest=columns(0.18 * look - 1.0 * late, 1.0 - 1.8 * breathing, -1.6 * late),
+            head=columns(look, nod - 0.5 * breathing, -1.2 * late + 0.06 * look),
+            left_foot=stance(times, "left"),
+            right_foot=stance(times, "right"),
+            left_arm=arm(1.0, 5.0),
+            right_arm=arm(-1.0, 3.0),
+        ),
+        EASY,
+    )
+
+
+def wave_hand() -> Posture:
+    """Greet: the right hand goes up, waves three times and comes down."""
+    times = frame_times(3.0)
+    breathing = breath(times)
+    up = keyed(
+        times, [(0.12, 0.0), (0.62, 1.04), (0.78, 1.0), (2.10, 1.0), (2.72, -0.03), (2.95, 0.0)]
+    )
+    body = keyed(times, [(0.0, 0.0), (0.18, -0.12), (0.7, 1.0), (2.0, 0.9), (2.7, 0.0)])
+    beat = keyed(times, [(0.60, 0.0), (0.85, 1.0), (2.05, 1.0), (2.3, 0.0)])
+    swaying = beat * np.sin(2 * np.pi * (times - 0.62) / 0.48)
+    late = beat * np.sin(2 * np.pi * (times - 0.69) / 0.48)
+    waving = Arm(
+        swing=4.0 + 16.0 * up,
+        spread=10.0 + 58.0 * up + 3.0 * swaying,
+        twist=14.0
+        - 88.0 * keyed(times, [(0.10, 0.0), (0.52, 1.0), (2.14, 1.0), (2.66, 0.0)])
+        + 5.0 * swaying,
+        elbow=16.0
+        + 2.0 * breathing
+        + 84.0 * keyed(times, [(0.06, 0.0), (0.5, 1.08), (0.72, 1.0), (2.16, 1.0), (2.8, 0.0)])
+        - 17.0 * swaying,
+        pronate=10.0,
+        wrist=6.0 - 10.0 * up,
+        tilt=-16.0 * late,
+        shrug=4.0 * up,
+    )
+    return settle(
+        Posture(
+            hips=columns(0.022 * body, STANDING - 0.006 * np.abs(body), 0.0),
+            pelvis=columns(-3.0 * body, 1.0, 2.0 * body),
+            chest=columns(
+                -6.0 * body + 1.5 * swaying, 1.0 - 2.0 * body - breathing, -3.5 * body + 1.2 * late
+            ),
+            head=columns(-4.0 * body, 2.0 - 3.0 * body, 5.0 * body + 1.5 * late),
+            left_foot=stance(times, "left"),
+            right_foot=stance(times, "right"),
+            left_arm=Arm(
+                swing=4.0 - 3.0 * body - 1.0 * late,
+                spread=10.0 + 3.0 * body,
+                elbow=16.0 + 5.0 * body,
+            ),
+            right_arm=waving,
+        ),
+        EASY,
+    )
+
+
+def turn() -> Posture:
+    """Turn round to the left: eyes, head, chest, pelvis, then three steps."""
+    times = frame_times(2.4)
+
+    def led(start: float, end: float, overshoot: float = 3.0) -> Curve:
+        keys = [(start, 0.0), (start + 0.55 * (end - start), 105.0), (end, 180.0 + overshoot)]
+        return keyed(times, [*keys, (end + 0.3, 180.0)])
+
+    left = stepping(
+        times,
+        (0.10, 0.0, 9.0),
+        (Step(0.34, 0.78, 0.03, -0.10, 104.0), Step(1.30, 1.66, -0.10, 0.0, 189.0)),
+    )
+    right = stepping(times, (-0.10, 0.0, -9.0), (Step(0.84, 1.28, 0.10, 0.01, 171.0),))
+    x = keyed(
+        times,
+        [
+            (0.0, 0.0),
+            (0.12, 0.012),
+            (0.42, -0.055),
+            (0.62, -0.05),
+            (0.98, 0.04),
+            (1.16, 0.05),
+            (1.45, 0.045),
+            (1.9, 0.0),
+        ],
+    )
+    z = keyed(times, [(0.2, 0.0), (0.55, 0.0), (1.0, -0.055), (1.35, -0.02), (1.8, 0.0)])
+    bob = keyed(
+        times,
+        [
+            (0.0, 0.0),
+            (0.2, -0.022),
+            (0.55, -0.004),
+            (0.85, -0.026),
+            (1.08, -0.004),
+            (1.32, -0.022),
+            (1.52, -0.006),
+            (1.78, -0.016),
+            (2.2, 0.0),
+        ],
+    )
+    pelvis, chest, head = led(0.22, 1.58), led(0.12, 1.46, 5.0), led(0.0, 1.2, 4.0)
+    spin = np.gradient(chest, times) / 180.0
+
+    def arm(side: float) -> Arm:
+        return Arm(
+            swing=4.0 - 9.0 * side * spin,
+            spread=10.0 + 9.0 * np.roll(np.abs(spin), 3),
+            elbow=16.0 + 10.0 * np.abs(spin),
+        )
+
+    return settle(
+        Posture(
+            hips=columns(x, STANDING + bob, z),
+            pelvis=columns(pelvis, 1.5, 2.5 * spin),
+            chest=columns(chest, 2.0 + 2.0 * spin, 1.5 * spin),
+            head=columns(head, 2.0 + 6.0 * spin, -2.0 * spin),
+            left_foot=left,
+            right_foot=right,
+            left_arm=arm(1.0),
+            right_arm=arm(-1.0),
+        ),
+        EASY,
+    )
+
+
+def dance() -> Posture:
+    """Dance for eight beats: step and touch to each side, then sway with the arms up."""
+    times = frame_times(4.0)
+    beat = times * 2.0  # 120 beats a minute
+    phase = times / 4.0
+    bounce = wave(beat, 0.08)  # 1 is low, a little after the beat
+    side_keys: Keys = [
+        (0.0, -1.0),
+        (0.115, 1.0),
+        (0.135, 1.0),
+        (0.24, -1.0),
+        (0.26, -1.0),
+        (0.365, 1.0),
+        (0.385, 1.0),
+        (0.49, -1.0),
+        (0.51, -1.0),
+        (0.60, 1.0),
+        (0.645, 1.0),
+        (0.725, -1.0),
+        (0.77, -1.0),
+        (0.85, 1.0),
+        (0.895, 1.0),
+        (0.975, -1.0),
+    ]
+    side, late = looped(phase, side_keys), looped(phase - 0.02, side_keys)
+    raised = looped(phase, [(0.0, 0.0), (0.46, 0.0), (0.54, 1.0), (0.93, 1.0), (0.995, 0.0)])
+    left = stepping(
+        times,
+        (0.13, 0.0, 12.0),
+        (
+            Step(0.12, 0.44, 0.22, 0.0, 14.0),
+            Step(0.62, 0.94, 0.13, 0.02, 12.0, 0.05),
+            Step(1.12, 1.44, 0.22, 0.0, 14.0),
+            Step(1.62, 1.94, 0.13, 0.0, 12.0, 0.05),
+        ),
+    )
+    right = stepping(
+        times,
+        (-0.13, 0.0, -12.0),
+        (
+            Step(0.14, 0.46, -0.13, 0.02, -12.0, 0.05),
+            Step(0.64, 0.96, -0.22, 0.0, -14.0),
+            Step(1.14, 1.46, -0.13, 0.0, -12.0, 0.05),
+        ),
+    )
+    return _dancing(times, (bounce, side, late, raised), (left, right))
+
+
+def _dancing(times: Curve, curves: tuple[Curve, ...], feet: tuple[Foot, Foot]) -> Posture:
+    """Move the body over dancing feet."""
+    bounce, side, late, raised = curves
+
+    def arm(sign: float) -> Arm:
+        pump = -sign * late
+        return Arm(
+            swing=12.0 + 20.0 * pump * (1 - raised) + 8.0 * raised,
+            spread=16.0 + 6.0 * bounce * (1 - raised) + raised * (118.0 + 8.0 * pump),
+            twist=10.0 - 60.0 * raised,
+            elbow=78.0 + 16.0 * pump - raised * (34.0 + 10.0 * bounce),
+            pronate=20.0,
+            wrist=4.0 + 8.0 * pump,
+            tilt=10.0 * pump * raised,
+            shrug=3.0 * bounce,
+        )
+
+    return settle(
+        Posture(
+            hips=columns(0.075 * side, STANDING - 0.028 * (bounce + 1), 0.01 * bounce),
+            pelvis=columns(7.0 * side, 3.0 + 2.0 * bounce, 6.5 * side),
+            chest=columns(-9.0 * late, 3.0 + 3.0 * bounce, -6.0 * late),
+            head=columns(6.0 * late, 2.0 + 5.0 * bounce, 4.0 * side),
+            left_foot=feet[0],
+            right_foot=feet[1],
+            left_arm=arm(1.0),
+            right_arm=arm(-1.0),
+        ),
+        EASY,
+    )
+
+
+def cheer() -> Posture:
+    """Throw both arms up, bounce on the toes twice, let them fall."""
+    times = frame_times(2.6)
+    up = keyed(
+        times,
+        [
+            (0.1, 0.0),
+            (0.28, -0.14),
+            (0.58, 1.06),
+            (0.74, 1.0),
+            (1.75, 1.0),
+            (2.3, -0.03),
+            (2.55, 0.0),
+        ],
+    )
+    crouch = keyed(
+        times, [(0.0, 0.0), (0.26, 1.0), (0.52, 0.0), (2.0, 0.0), (2.22, 0.25), (2.5, 0.0)]
+    )
+    heel = keyed(
+        times,
+        [
+            (0.34, 0.0),
+            (0.58, 26.0),
+            (0.80, 4.0),
+            (1.02, 24.0),
+            (1.24, 4.0),
+            (1.46, 22.0),
+            (1.72, 0.0),
+        ],
+    )
+    pump = keyed(
+        times,
+        [(0.58, 0.0), (0.80, 1.0), (1.02, 0.0), (1.24, 1.0), (1.46, 0.0), (1.70, 0.5), (1.9, 0.0)],
+    )
+    tiptoe = 0.10 * np.sin(np.radians(heel))
+
+    def arm(side: float) -> Arm:
+        return Arm(
+            swing=4.0 - 26.0 * crouch * (up < 0.2) + 8.0 * up,
+            spread=10.0 + 138.0 * up - 6.0 * pump + 2.0 * side,
+            twist=14.0 - 60.0 * up,
+            elbow=18.0 + 24.0 * crouch + 4.0 * up + 52.0 * pump,
+            pronate=10.0,
+            wrist=6.0 - 8.0 * up,
+            shrug=8.0 * up,
+        )
+
+    return settle(
+        Posture(
+            hips=columns(0.0, STANDING - 0.10 * crouch + tiptoe, 0.02 * up - 0.02 * crouch),
+            pelvis=columns(0.0, 1.0 + 14.0 * crouch - 3.0 * up, 0.0),
+            chest=columns(0.0, 1.0 + 18.0 * crouch - 8.0 * up + 3.0 * pump, 0.0),
+            head=columns(0.0, 2.0 + 4.0 * crouch - 14.0 * up + 4.0 * pump, 0.0),
+            left_foot=stance(times, "left", heel=heel),
+            right_foot=stance(times, "right", heel=heel),
+            left_arm=arm(1.0),
+            right_arm=arm(-1.0),
+        ),
+        EASY,
+    )
