@@ -7,9 +7,10 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from bunraku import meshes
-from bunraku.proxy import solids, surfaces, voxels
+from bunraku.proxy import closed, solids, surfaces, voxels
 from bunraku.types import Mesh
 
+MOST_FACES = 200_000  # of a figure that is looked at in full
 THICKNESS = 1.8  # of a surface without inside, in cells: no node spacing slips through
 
 
@@ -39,8 +40,13 @@ def build_proxy(
         the proxy, and where each of `vertices`, unwelded, lies on it.
     """
     welded, kept, _ = meshes.weld(vertices, faces)
-    kept = face_outwards(welded, kept)
-    mesh = wrap(Mesh(welded, kept), vertex_count)
+    figure = Mesh(welded, kept)
+    if len(kept) > MOST_FACES:
+        figure = closed.simplify(figure, MOST_FACES)
+    body = closed.closed_body(figure)
+    mesh = None if body is None else closed.resample(body, vertex_count)
+    if mesh is None:
+        mesh = wrap(figure, vertex_count)
     face, barycentric, _ = meshes.closest_points(vertices, mesh.vertices, mesh.faces)
     return Proxy(mesh, mesh.faces[face], barycentric)
 
@@ -69,12 +75,13 @@ def fitting_grid(samples: Float[np.ndarray, "samples 3"], touched: int) -> voxel
     """Choose the cell so that the surface touches about this many nodes."""
     coarse = voxels.grid_around(samples, 64)
     count = int(voxels.touched_nodes(samples, coarse).sum())
-    cells = int(np.clip(64 * np.sqrt(touched / count), 80, 160))
+    cells = int(np.clip(64 * np.sqrt(touched / count), 48, 160))
     return voxels.grid_around(samples, cells)
 
 
 def wrap(figure: Mesh, vertex_count: int) -> Mesh:
     """Triangulate the border of the figure's solid anew, with about this many vertices."""
+    figure = Mesh(figure.vertices, face_outwards(figure.vertices, figure.faces))
     rng = np.random.default_rng(0)
     face, barycentric = meshes.sample_surface(figure.vertices, figure.faces, 200_000, rng)
     samples = meshes.interpolate(figure.vertices, figure.faces[face], barycentric)
@@ -90,7 +97,5 @@ def wrap(figure: Mesh, vertex_count: int) -> Mesh:
     solid = solids.solid_nodes(voxels.thicken(inside, sheet, grid, THICKNESS))
     field = surfaces.signed_distance(solid, figure, sheet, grid, THICKNESS)
     fine = surfaces.march(field, grid)
-    if len(fine.vertices) <= vertex_count:
-        return fine
-    vertices, faces, *_ = igl.decimate(fine.vertices, fine.faces, 2 * vertex_count)
-    return Mesh(vertices, faces.astype(np.int64))
+    coarse = closed.collapse_short_edges(fine, vertex_count)
+    return fine if coarse is None else coarse

@@ -92,16 +92,28 @@ def plug_tunnels(solid: Bool[np.ndarray, "x y z"], steps: int) -> Bool[np.ndarra
     pieces, count = ndimage.label(added, np.ones((3, 3, 3)))
     if not count:
         return solid
-    gain = _cube_sums(_characteristic(solid | added) - _characteristic(solid), pieces, count)
+    gain = _lost_handles(solid, added, pieces, count)
     return solid | (gain > 0.5)[pieces]
 
 
-def _cube_sums(
-    values: Float[np.ndarray, "x y z"], pieces: Int[np.ndarray, "x1 y1 z1"], count: int
+def _lost_handles(
+    solid: Bool[np.ndarray, "x y z"],
+    added: Bool[np.ndarray, "x y z"],
+    pieces: Int[np.ndarray, "x y z"],
+    count: int,
 ) -> Float[np.ndarray, " pieces"]:
-    """Sum the values of the 2x2x2 cubes that touch each piece; entry 0 is nobody's."""
-    owner = np.max([pieces[corner] for corner in cube_corners(pieces.shape)], axis=0)
-    return np.bincount(owner.ravel(), values.ravel(), count + 1) * (np.arange(count + 1) > 0)
+    """Give the rise of the Euler characteristic by each added piece; entry 0 is nobody's."""
+    nodes = np.argwhere(added)
+    cubes = np.ravel_multi_index(tuple((nodes[:, None] - _CORNERS).reshape(-1, 3).T), solid.shape)
+    owners = np.repeat(pieces[tuple(nodes.T)], 8)
+    cubes, first = np.unique(cubes, return_index=True)
+    low = np.stack(np.unravel_index(cubes, solid.shape), axis=1)
+    corners = tuple((low[:, None] + _CORNERS).reshape(-1, 3).T)
+    bits = 1 << np.arange(8)
+    before = solid[corners].reshape(-1, 8)
+    after = before | added[corners].reshape(-1, 8)
+    rise = _SHARES[after @ bits] - _SHARES[before @ bits]
+    return np.bincount(owners[first], rise, count + 1)
 
 
 def cube_corners(shape: tuple[int, ...]) -> list[tuple[slice, ...]]:
@@ -110,17 +122,11 @@ def cube_corners(shape: tuple[int, ...]) -> list[tuple[slice, ...]]:
     return [(ends[0][i], ends[1][j], ends[2][k]) for i in (0, 1) for j in (0, 1) for k in (0, 1)]
 
 
-def _characteristic(solid: Bool[np.ndarray, "x y z"]) -> Float[np.ndarray, "x1 y1 z1"]:
-    """Give each 2x2x2 cube's share of the Euler characteristic of the solid (26-connected)."""
-    code = sum(
-        solid[corner].astype(np.uint8) << bit
-        for bit, corner in enumerate(cube_corners(solid.shape))
-    )
-    return _SHARES[code]
-
-
 def _characteristic_shares() -> Float[np.ndarray, "256"]:
-    """Tabulate corners - edges + faces - voxels at the middle of each of 256 cubes."""
+    """Tabulate each 2x2x2 cube's share of the Euler characteristic of a 26-connected solid.
+
+    With every node a voxel: corners - edges + faces - voxels around the middle of the cube.
+    """
     cubes = (np.arange(256)[:, None] >> np.arange(8) & 1).astype(bool).reshape(256, 2, 2, 2)
     corner = cubes.any(axis=(1, 2, 3))
     edges = sum(cubes.any(axis=axes).sum(axis=1) for axes in ((1, 2), (1, 3), (2, 3)))
@@ -128,4 +134,5 @@ def _characteristic_shares() -> Float[np.ndarray, "256"]:
     return corner - edges / 2 + faces / 4 - cubes.sum(axis=(1, 2, 3)) / 8
 
 
+_CORNERS = np.indices((2, 2, 2)).reshape(3, -1).T
 _SHARES = _characteristic_shares()

@@ -9,7 +9,7 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 Winding = Callable[[Float[np.ndarray, "points 3"]], Float[np.ndarray, " points"]]
-MARGIN = 2  # empty nodes around the figure, at the coarsest level
+MARGIN = 1  # empty nodes around the figure, at the coarsest level
 LEVELS = 3  # halvings of the cell, from the coarsest grid to the one that is marched
 
 
