@@ -1,6 +1,7 @@
 import pytest
 
 from bunraku.meshes import scale_to_unit_area
+from bunraku.registration.body import Body, wrap_character
 from bunraku.registration.puppet import Pose, Puppet, make_puppet
 from bunraku.rotations import vectors_to_matrices
 from bunraku.skinning import forward_kinematics
@@ -22,6 +23,11 @@ def puppet_of(character: Character) -> Puppet:
 @pytest.fixture(scope="session")
 def puppet(creature) -> Puppet:
     return puppet_of(creature)
+
+
+@pytest.fixture(scope="session")
+def body(creature) -> Body:
+    return wrap_character(creature)
 
 
 @pytest.fixture

@@ -1,0 +1,99 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bunraku.meshes import closest_points, interpolate
+from bunraku.registration.articulated import fit_error
+from bunraku.registration.correspondence import make_surface
+from bunraku.registration.puppet import move_puppet, rest_pose
+from bunraku.registration.search import (
+    Registration,
+    choose_start,
+    free_from_rig,
+    heading_starts,
+    misfit_of,
+    posed_start,
+    refit,
+    register_body,
+)
+from bunraku.rotations import rotation_angles, vectors_to_matrices
+from bunraku.skinning import clip_transforms, forward_kinematics, play_clip
+from bunraku.types import Mesh
+from tests.creatures import make_creature, move, pose_of, world_pose
+
+TURN = vectors_to_matrices(np.array([0.0, np.deg2rad(125), 0.0]))
+POSE = {"leftArm": (0.0, 0.0, 40.0), "rightLeg": (-30.0, 0.0, 0.0), "head": (0.0, 25.0, 0.0)}
+
+
+def test_headings_start_ahead_and_go_round_in_equal_steps(puppet):
+    starts = heading_starts(puppet, 4)
+    ahead = np.array([start.rotations[0] @ [0.0, 0, 1] for start in starts])
+    np.testing.assert_allclose(ahead, [[0, 0, 1], [1, 0, 0], [0, 0, -1], [-1, 0, 0]], atol=1e-12)
+    np.testing.assert_allclose(move_puppet(puppet, starts[0])[0], puppet.vertices, atol=1e-12)
+
+
+def test_a_posed_start_stands_as_the_source_does_at_that_moment(creature, puppet):
+    clip, skeleton = creature.clips[0], creature.skeleton
+    frame = 5
+    world = forward_kinematics(skeleton.parents, clip_transforms(clip))[frame]
+    at_rest = forward_kinematics(skeleton.parents, skeleton.rest)
+    turns = world[:, :3, :3] @ np.swapaxes(at_rest[:, :3, :3], 1, 2)
+    moved, _ = move_puppet(puppet, posed_start(puppet, turns, TURN))
+    played = play_clip(creature, clip)[frame] @ TURN.T
+    scale = np.ptp(puppet.vertices[:, 1]) / np.ptp(creature.mesh.vertices[:, 1])
+    moved, played = moved - moved.mean(axis=0), scale * (played - played.mean(axis=0))
+    np.testing.assert_allclose(moved, played, atol=1e-9)
+
+
+def test_the_source_is_found_whichever_way_the_figure_faces(puppet):
+    surface = make_surface(puppet.vertices @ TURN.T, puppet.faces)
+    judged = choose_start(puppet, surface, heading_starts(puppet), keep=2)
+    assert len(judged) == 6
+    error, pose = judged[0]
+    assert error == min(map(misfit_of, judged)) < 0.02
+    assert np.isclose(fit_error(puppet, pose, surface), error)
+    assert np.rad2deg(rotation_angles(TURN.T @ pose.rotations[0])) < 2
+
+
+def test_refitting_to_the_rigs_own_surface_recovers_the_pose(puppet):
+    truth = replace(rest_pose(puppet, TURN), scales=np.full((7, 2), 0.05))
+    truth = replace(truth, rotations=truth.rotations @ pose_of(POSE)[puppet.joints])
+    vertices, _ = move_puppet(puppet, truth)
+    pose = refit(puppet, rest_pose(puppet, TURN), vertices)
+    assert np.linalg.norm(move_puppet(puppet, pose)[0] - vertices, axis=1).mean() < 1e-3
+
+
+def test_freeing_the_surface_meets_what_the_rig_alone_cannot(puppet):
+    """A belly that no turn and no scale of the bones makes."""
+    low = np.exp(-((puppet.vertices - puppet.anchors[0] - [0, 0, 0.12]) ** 2).sum(axis=1) / 0.01)
+    goal = puppet.vertices + 0.03 * low[:, None] * [0.0, 0.0, 1.0]
+    surface = make_surface(goal, puppet.faces)
+    pose, freed = free_from_rig(puppet, rest_pose(puppet), surface)
+    rigged, _ = move_puppet(puppet, pose)
+    belly = low > 0.5
+    off = [closest_points(v[belly], goal, puppet.faces)[2].mean() for v in (rigged, freed)]
+    assert off[0] > 0.005 > 0.001 > off[1]
+
+
+@pytest.fixture(scope="module")
+def registered(body) -> tuple[Registration, Mesh, np.ndarray]:
+    """A turned, posed, scaled copy with other triangles; and its own rest surface."""
+    other = make_creature(0.029)
+    posed = move(other, world_pose(other.skeleton, pose_of(POSE)))
+    figure = Mesh(1.7 * posed @ TURN.T + [3.0, 1.0, -2.0], other.mesh.faces)
+    return register_body(body, figure), figure, other.mesh.vertices
+
+
+def test_registration_brings_every_vertex_to_its_place(body, registered):
+    found, figure, other_rest = registered
+    face, shares, distance = closest_points(found.fitted, figure.vertices, figure.faces)
+    assert distance.mean() < 0.01 and found.error < 0.15
+    came_from = interpolate(other_rest, figure.faces[face], shares)
+    wrong = np.linalg.norm(came_from - body.proxy.mesh.vertices, axis=1)
+    assert np.median(wrong) < 0.01 and wrong.mean() < 0.02 and (wrong > 0.1).mean() < 0.005
+
+
+def test_registration_names_the_misfits_of_the_other_starts(registered):
+    found, _, _ = registered
+    assert len(found.others) >= 5 and min(found.others) >= found.error
