@@ -5,19 +5,26 @@ figure's joint frames at rest are the source's, so a copied world frame carries 
 Translations that a clip moves (the root, squash and stretch, IK feet) are scaled to the figure.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from bunraku.graphs import parents_first
+from bunraku.registration.body import Body
+from bunraku.reposing import Reposed
 from bunraku.rotations import (
     compose_transforms,
     decompose_transforms,
     invert_rigid,
     matrices_to_quaternions,
 )
-from bunraku.skinning import clip_transforms, forward_kinematics, local_transforms
+from bunraku.skinning import (
+    clip_transforms,
+    forward_kinematics,
+    linear_blend_skinning,
+    local_transforms,
+)
 from bunraku.types import NO_PARENT, Clip, Skeleton
 
 
@@ -32,12 +39,76 @@ class Retarget:
     heading: Float[np.ndarray, "3 3"]  # turn about the vertical from the source's front
 
 
-def rest_frames(
-    source: Skeleton, places: Float[np.ndarray, "joints 3"]
+def turned_frames(
+    source: Skeleton,
+    places: Float[np.ndarray, "joints 3"],
+    turns: Float[np.ndarray, "joints 3 3"] | None = None,
 ) -> Float[np.ndarray, "joints 4 4"]:
-    """Give world_from_joint with the source's rest orientations at the figure's rest places."""
-    world = forward_kinematics(source.parents, source.rest)
-    return compose_transforms(places, world[:, :3, :3])
+    """Give world_from_joint at these places: the source's rest frames, turned if need be."""
+    world = forward_kinematics(source.parents, source.rest)[:, :3, :3]
+    return compose_transforms(places, world if turns is None else turns @ world)
+
+
+def skeleton_of(source: Skeleton, world: Float[np.ndarray, "joints 4 4"]) -> Skeleton:
+    """Give the source's joints, with its names and tree, in other world frames."""
+    return Skeleton(source.names, source.parents, local_transforms(source.parents, world))
+
+
+def plan_retarget(
+    body: Body,
+    reposed: Reposed,
+    found: Float[np.ndarray, "vertices 3"],
+    weights: Float[np.ndarray, "vertices joints"],
+    source: Skeleton,
+) -> Retarget:
+    """Stand the reposed figure where it belongs; scale travel by the height of the hips.
+
+    Args:
+        body: the source, wrapped.
+        reposed: the figure's way to the source's rest pose.
+        found: the figure's vertices as found.
+        weights: its skin.
+        source: the source's skeleton.
+    """
+    plan = Retarget(source, reposed.places, body.carriers, 1.0, reposed.heading)
+    bind = turned_frames(source, reposed.found, reposed.heading @ reposed.turns)
+    rest = heading_frames(plan)
+    rested = linear_blend_skinning(found, weights, rest @ invert_rigid(bind))
+    hips, ground = body.puppet.joints[0], float(rested[:, 1].min())
+    own = float(body.joints[hips, 1] - body.proxy.mesh.vertices[:, 1].min())
+    height = float(rest[hips, 1, 3]) - ground
+    scale = height / own if min(own, height) > 1e-6 else 1.0
+    home = reposed.heading @ (scale * body.joints[hips])
+    shift = way_home(found, rested, rest[hips, :3, 3], home, posed=reposed.posed > 0.5)
+    return replace(plan, places=reposed.places + reposed.heading.T @ shift, scale=scale)
+
+
+def way_home(
+    found: Float[np.ndarray, "vertices 3"],
+    rested: Float[np.ndarray, "vertices 3"],
+    hips: Float[np.ndarray, "3"],
+    home: Float[np.ndarray, "3"],
+    *,
+    posed: bool,
+) -> Float[np.ndarray, "3"]:
+    """Say how to move a reposed figure so that it stands where clips expect it.
+
+    A figure found at rest stays on its own ground. One caught in motion, near the origin of its
+    file, goes to the floor y = 0 and over the origin, as the source stands at rest.
+    """
+    floor, height = float(found[:, 1].min()), float(np.ptp(rested[:, 1]))
+    shift = np.zeros(3)
+    if posed and abs(floor) < 0.3 * height:
+        floor = 0.0
+        aside = (home - hips) * [1.0, 0.0, 1.0]
+        shift += aside if np.linalg.norm(aside) < 0.35 * height else 0.0
+    shift[1] = floor - float(rested[:, 1].min())
+    return shift
+
+
+def heading_frames(retarget: Retarget) -> Float[np.ndarray, "joints 4 4"]:
+    """Give world_from_joint of the figure at rest, facing its own front."""
+    return face_heading(retarget) @ turned_frames(retarget.source, retarget.places)
 
 
 def face_heading(retarget: Retarget) -> Float[np.ndarray, "4 4"]:
@@ -55,7 +126,7 @@ def retarget_clip(clip: Clip, retarget: Retarget) -> Clip:
     source = retarget.source
     moving = forward_kinematics(source.parents, clip_transforms(clip))
     at_rest = forward_kinematics(source.parents, source.rest)
-    figure = rest_frames(source, retarget.places)
+    figure = turned_frames(source, retarget.places)
     placed = moving.copy()
     for joint in parents_first(retarget.carriers):
         carrier = int(retarget.carriers[joint])

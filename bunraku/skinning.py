@@ -32,11 +32,12 @@ def pose_joints(
     return local
 
 
-def clip_transforms(clip: Clip) -> Float[np.ndarray, "frames joints 4 4"]:
-    """Build parent_from_joint of every frame of a clip from its three parts."""
-    return compose_transforms(
-        clip.translations, quaternions_to_matrices(clip.rotations), clip.scales
-    )
+def clip_transforms(
+    clip: Clip, frames: Int[np.ndarray, " frames"] | slice = slice(None)
+) -> Float[np.ndarray, "frames joints 4 4"]:
+    """Build parent_from_joint of every frame of a clip (or the chosen ones) from its parts."""
+    turns = quaternions_to_matrices(clip.rotations[frames])
+    return compose_transforms(clip.translations[frames], turns, clip.scales[frames])
 
 
 def forward_kinematics(
@@ -88,11 +89,10 @@ def linear_blend_skinning(
 
 
 def play_clip(
-    character: Character, clip: Clip, frames: slice = slice(None)
+    character: Character, clip: Clip, frames: Int[np.ndarray, " frames"] | slice = slice(None)
 ) -> Float[np.ndarray, "frames vertices 3"]:
     """Give the character's vertices at each frame of a clip (or at the chosen frames)."""
-    local = clip_transforms(clip)[frames]
-    world = forward_kinematics(character.skeleton.parents, local)
+    world = forward_kinematics(character.skeleton.parents, clip_transforms(clip, frames))
     motion = world @ character.skin.inverse_bind
     return linear_blend_skinning(character.mesh.vertices, character.skin.weights, motion)
 

@@ -13,7 +13,12 @@ from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
 from bunraku.meshes import closest_points, interpolate
+from bunraku.proxy import Proxy, lift_weights
+from bunraku.registration.body import Body
+from bunraku.registration.search import Registration
+from bunraku.skinning import keep_influences
 from bunraku.spectral import Basis, project
+from bunraku.types import Mesh
 
 
 def transfer_by_function(
@@ -72,3 +77,16 @@ def transfer_to_surface(
     """
     face, barycentric, _ = closest_points(carried, source_vertices, source_faces)
     return interpolate(weights, source_faces[face], barycentric)
+
+
+def skin_from_registration(
+    body: Body, registration: Registration, target: Proxy, figure: Mesh
+) -> Float[np.ndarray, "vertices joints"]:
+    """Read the skin off the registered source, lift it to the figure, keep four influences.
+
+    Paper: nearest vertex of the mapped template (Eq. 10). We: nearest point of the source's
+    surface registered onto the figure, because the map is the bottleneck (docs/log.md).
+    """
+    faces = body.proxy.mesh.faces
+    on_proxy = transfer_to_surface(body.weights, registration.fitted, faces, target.mesh.vertices)
+    return keep_influences(lift_weights(target, on_proxy, figure.vertices, figure.faces))

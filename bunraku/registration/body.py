@@ -5,10 +5,17 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from bunraku.meshes import closest_points, interpolate, scale_to_unit_area, vertex_areas
+from bunraku.meshes import (
+    closest_points,
+    farthest_points,
+    interpolate,
+    scale_to_unit_area,
+    vertex_areas,
+)
 from bunraku.proxy import Proxy, build_proxy
 from bunraku.registration.puppet import Puppet, make_puppet, tree_of_places
-from bunraku.skinning import forward_kinematics
+from bunraku.rotations import decompose_transforms
+from bunraku.skinning import clip_transforms, forward_kinematics
 from bunraku.types import Character
 
 
@@ -23,6 +30,7 @@ class Body:
     parents: Int[np.ndarray, " joints"]
     carriers: Int[np.ndarray, " joints"]  # whose motion carries each joint's place
     puppet: Puppet  # the same at area 1, centred, with the joints that move surface
+    moments: Float[np.ndarray, "moments joints 3 3"]  # world turns since rest, out of the clips
 
     @property
     def surface(
@@ -54,4 +62,29 @@ def wrap_character(source: Character) -> Body:
     puppet = make_puppet(unit, faces, weights, (joints - centre) / scale, parents)
     carriers = tree_of_places(puppet, parents)
     areas = vertex_areas(vertices, faces)
-    return Body(proxy, weights, areas, joints, parents, carriers, puppet)
+    moments = choose_moments(source, areas @ weights)
+    return Body(proxy, weights, areas, joints, parents, carriers, puppet, moments)
+
+
+def choose_moments(
+    source: Character, mass: Float[np.ndarray, " joints"], *, count: int = 24, each: int = 8
+) -> Float[np.ndarray, "moments joints 3 3"]:
+    """Choose unlike moments of a character's clips: world turns of its joints since rest.
+
+    Args:
+        mass: how much surface each joint moves.
+        count: moments to give at most.
+        each: moments looked at in each clip.
+    """
+    if not source.clips:
+        return np.empty((0, len(mass), 3, 3))
+    rest = forward_kinematics(source.skeleton.parents, source.skeleton.rest)[:, :3, :3]
+    looked = []
+    for clip in source.clips:
+        frames = np.unique(np.linspace(0, len(clip.times) - 1, each).astype(int))
+        local = clip_transforms(clip, frames)
+        _, world, _ = decompose_transforms(forward_kinematics(source.skeleton.parents, local))
+        looked.append(world @ np.swapaxes(rest, 1, 2))
+    turns = np.concatenate(looked)
+    spread = (turns * np.sqrt(mass / mass.sum())[:, None, None]).reshape(len(turns), -1)
+    return turns[farthest_points(spread, count)]

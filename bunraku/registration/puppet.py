@@ -218,14 +218,21 @@ def join_by_shared_surface(
     cost = affinity.max() * 2 - affinity
     np.fill_diagonal(cost, 0.0)
     tree = minimum_spanning_tree(cost)
-    tops = ~hierarchy.any(axis=0)
-    mass = areas @ weights
-    start = int(np.argmax(np.where(tops, mass, -1.0)))
+    below = reachable(hierarchy)
+    start = int(np.argmax(np.where(hierarchy.any(axis=0), -1.0, below @ (areas @ weights))))
     order, above = breadth_first_order(tree, start, directed=False)
     place = np.empty(len(order), np.int64)
     place[order] = np.arange(len(order))
     parents = np.array([NO_PARENT if above[j] < 0 else place[above[j]] for j in order])
     return order.astype(np.int64), parents.astype(np.int64)
+
+
+def reachable(hierarchy: Bool[np.ndarray, "joints joints"]) -> Float[np.ndarray, "joints joints"]:
+    """Tell which joints (columns) hang below which (rows), each below itself."""
+    below = np.eye(len(hierarchy), dtype=bool) | hierarchy
+    for _ in range(len(hierarchy).bit_length()):
+        below = (below.astype(float) @ below) > 0
+    return below.astype(np.float64)
 
 
 def place_anchors(

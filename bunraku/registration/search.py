@@ -5,7 +5,7 @@ starts. All in units of sqrt(area): source and figure are compared at equal surf
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -13,7 +13,7 @@ from jaxtyping import Float
 from bunraku.meshes import scale_to_unit_area
 from bunraku.registration.articulated import COARSE, FINE, Stage, fit, fit_error, gauss_newton_step
 from bunraku.registration.body import Body
-from bunraku.registration.correspondence import Pairs, Surface, make_surface
+from bunraku.registration.correspondence import Pairs, Surface, make_surface, misfit
 from bunraku.registration.nonrigid import refine
 from bunraku.registration.puppet import Pose, Puppet, move_puppet, rest_pose
 from bunraku.rotations import vectors_to_matrices
@@ -52,6 +52,30 @@ def posed_start(
     above = np.concatenate([np.eye(3)[None], world])[puppet.parents + 1]
     count = len(puppet.parents)
     return Pose(heading @ puppet.anchors[0], np.swapaxes(above, 1, 2) @ world, np.zeros((count, 2)))
+
+
+def likely_moments(
+    puppet: Puppet,
+    moments: Float[np.ndarray, "moments all_joints 3 3"],
+    surface: Surface,
+    *,
+    keep: int = 4,
+) -> list[Pose]:
+    """Choose the moments of the source's clips that already look most like the figure.
+
+    Each is turned to every heading, centred on the figure and judged as it is, without a fit.
+    """
+    samples = puppet.samples[:400]
+    middle = surface.vertices[surface.samples].mean(axis=0)
+    judged = []
+    for heading in heading_starts(puppet):
+        for moment in moments:
+            pose = posed_start(puppet, moment, heading.rotations[0])
+            moved, normals = move_puppet(puppet, pose, samples)
+            shift = middle - moved.mean(axis=0)
+            error = misfit((moved + shift, normals), samples, surface, width=0.2)
+            judged.append((error, replace(pose, root=pose.root + shift)))
+    return [pose for _, pose in sorted(judged, key=misfit_of)[:keep]]
 
 
 def choose_start(
@@ -100,6 +124,7 @@ def register_body(body: Body, figure: Mesh) -> Registration:
     """Bring a character's proxy onto a figure's from the best of many starts."""
     vertices, centre, scale = scale_to_unit_area(figure.vertices, figure.faces)
     surface, puppet = make_surface(vertices, figure.faces), body.puppet
-    (error, pose), *others = choose_start(puppet, surface, heading_starts(puppet))
+    starts = heading_starts(puppet) + likely_moments(puppet, body.moments, surface)
+    (error, pose), *others = choose_start(puppet, surface, starts)
     pose, freed = free_from_rig(puppet, pose, surface)
     return Registration(pose, freed * scale + centre, error, tuple(e for e, _ in others))

@@ -10,17 +10,22 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from bunraku.meshes import closest_points, interpolate
-from bunraku.proxy import Proxy, build_proxy, lift_weights
-from bunraku.registration.body import Body, wrap_character
+from bunraku.proxy import Proxy, build_proxy
+from bunraku.registration.body import wrap_character
 from bunraku.registration.search import Registration, register_body
 from bunraku.reposing import Reposed, repose
-from bunraku.retargeting import Retarget, face_heading, rest_frames, retarget_clip
-from bunraku.rotations import compose_transforms, invert_rigid
+from bunraku.retargeting import (
+    heading_frames,
+    plan_retarget,
+    retarget_clip,
+    skeleton_of,
+    turned_frames,
+)
+from bunraku.rotations import invert_rigid
 from bunraku.routes.timing import Stopwatch
 from bunraku.skeletons import carry_joints, surface_turns
-from bunraku.skinning import keep_influences, linear_blend_skinning, local_transforms
 from bunraku.types import Character, Clip, MatchError, Mesh, Skeleton, Skin
+from bunraku.weights import skin_from_registration
 
 LEAST_CONFIDENCE = 0.1
 
@@ -70,7 +75,7 @@ def animate_from_rig(
 
     watch.begin("registration")
     registration = register_body(body, target.mesh)
-    confidence = trust_in(registration)
+    confidence = trust_in(registration.error)
     if confidence < LEAST_CONFIDENCE and not force:
         raise MatchError(
             f"the figure does not fit the performance (misfit {registration.error:.2f}, wanted "
@@ -78,68 +83,28 @@ def animate_from_rig(
         )
 
     watch.begin("skin and skeleton")
-    skin_weights = transfer_skin(body, registration, target, figure)
+    weights = skin_from_registration(body, registration, target, figure)
     joints = carry_joints(*body.surface, body.joints, body.parents, registration.fitted)
 
     watch.begin("rest pose")
     turns, trust = surface_turns(*body.surface, body.carriers, registration.fitted)
-    reposed = repose(joints, body.joints, body.carriers, turns, trust)
-    bind = bind_frames(source, joints, reposed)
-    retarget, rest = stand(source, figure, body, reposed, skin_weights, bind)
+    reposed = repose(joints, body, turns, trust, misfit=registration.error)
+    bind = turned_frames(source.skeleton, joints, reposed.heading @ reposed.turns)
+    plan = plan_retarget(body, reposed, figure.vertices, weights, source.skeleton)
 
     watch.begin("retargeting")
-    parents, names = source.skeleton.parents, source.skeleton.names
-    skeleton = Skeleton(names, parents, local_transforms(parents, bind))
-    carried = tuple(retarget_clip(c, retarget) for c in (source.clips if clips is None else clips))
-    character = Character(figure, skeleton, Skin(skin_weights, invert_rigid(bind)), carried)
+    rest = heading_frames(plan)
+    carried = tuple(retarget_clip(c, plan) for c in (source.clips if clips is None else clips))
+    skin = Skin(weights, invert_rigid(bind))
     return RigTransfer(
-        *(body.proxy, target, registration, joints, reposed, character),
-        Skeleton(names, parents, local_transforms(parents, rest)),
-        rest @ invert_rigid(bind),
+        *(body.proxy, target, registration, joints, reposed),
+        Character(figure, skeleton_of(source.skeleton, bind), skin, carried),
+        skeleton_of(source.skeleton, rest),
+        rest @ skin.inverse_bind,
         *(confidence, False, registration.error, (), watch.end()),
     )
 
 
-def trust_in(registration: Registration) -> float:
+def trust_in(misfit: float) -> float:
     """Turn the misfit into a confidence: .94 at .1, one half at .2, .1 at .35."""
-    return float(1.0 / (1.0 + (registration.error / 0.2) ** 4))
-
-
-def transfer_skin(
-    body: Body, registration: Registration, target: Proxy, figure: Mesh
-) -> Float[np.ndarray, "vertices joints"]:
-    """Read the skin off the registered source, lift it to the figure, keep four influences."""
-    face, shares, _ = closest_points(
-        target.mesh.vertices, registration.fitted, body.proxy.mesh.faces
-    )
-    on_proxy = interpolate(body.weights, body.proxy.mesh.faces[face], shares)
-    return keep_influences(lift_weights(target, on_proxy, figure.vertices, figure.faces))
-
-
-def bind_frames(
-    source: Character, joints: Float[np.ndarray, "joints 3"], reposed: Reposed
-) -> Float[np.ndarray, "joints 4 4"]:
-    """Give world_from_joint of the figure as found: the source's rest frames, turned with it."""
-    at_rest = rest_frames(source.skeleton, joints)[:, :3, :3]
-    return compose_transforms(joints, reposed.heading @ reposed.turns @ at_rest)
-
-
-def stand(
-    source: Character,
-    figure: Mesh,
-    body: Body,
-    reposed: Reposed,
-    weights: Float[np.ndarray, "vertices joints"],
-    bind: Float[np.ndarray, "joints 4 4"],
-) -> tuple[Retarget, Float[np.ndarray, "joints 4 4"]]:
-    """Stand the reposed figure on the ground it was found on; scale travel by the hips' height."""
-    plan = Retarget(source.skeleton, reposed.places, body.carriers, 1.0, reposed.heading)
-    rest = face_heading(plan) @ rest_frames(source.skeleton, reposed.places)
-    rested = linear_blend_skinning(figure.vertices, weights, rest @ invert_rigid(bind))
-    lift = np.array([0.0, figure.vertices[:, 1].min() - rested[:, 1].min(), 0.0])
-    hips = body.puppet.joints[0]
-    height = rest[hips, 1, 3] - rested[:, 1].min()
-    own_height = body.joints[hips, 1] - source.mesh.vertices[:, 1].min()
-    scale = float(height / own_height) if own_height > 1e-6 and height > 1e-6 else 1.0
-    plan = Retarget(source.skeleton, reposed.places + lift, body.carriers, scale, reposed.heading)
-    return plan, face_heading(plan) @ rest_frames(source.skeleton, plan.places)
+    return float(1.0 / (1.0 + (misfit / 0.2) ** 4))

@@ -4,8 +4,6 @@
 limitation the paper names: twist about a bone, invisible in joints, is read off the surface.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -144,75 +142,3 @@ def local_turns(
     """Turn world rotations into turns in the parent's frame."""
     above = np.concatenate([np.eye(3)[None], world])[parents + 1]
     return np.swapaxes(above, 1, 2) @ world
-
-
-def vertical_turn(rotation: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
-    """Give the part of a rotation that turns about the vertical; a figure's heading.
-
-    Within 30 degrees of a quarter turn it is that quarter turn: figures are modelled along the
-    axes, and what is left belongs to the pose.
-    """
-    yaw = np.arctan2(rotation[0, 2] - rotation[2, 0], rotation[0, 0] + rotation[2, 2])
-    quarter = np.round(yaw / (np.pi / 2)) * (np.pi / 2)
-    chosen = quarter if abs(yaw - quarter) < np.deg2rad(30) else yaw
-    return vectors_to_matrices(np.array([0.0, chosen, 0.0]))
-
-
-def settle_turns(
-    turns: Float[np.ndarray, "joints 3 3"],
-    parents: Int[np.ndarray, " joints"],
-    *,
-    ignore: float = np.deg2rad(10),
-    believe: float = np.deg2rad(25),
-) -> Float[np.ndarray, "joints 3 3"]:
-    """Drop small turns between rest poses, keep large ones, blend between.
-
-    Two figures at rest differ by a few degrees everywhere because their shapes differ; animators
-    call that the same pose. A-pose against T-pose, or a figure caught in motion, is far beyond.
-
-    Args:
-        turns: world rotation of each joint from one rest pose to the other.
-        parents: the tree in which a turn is a turn of its own, and not its parent's.
-        ignore: angles up to this are shape, in radians.
-        believe: angles from this on are pose.
-    """
-    vectors = matrices_to_vectors(local_turns(turns, parents))
-    angles = np.linalg.norm(vectors, axis=1, keepdims=True)
-    share = np.clip((angles - ignore) / (believe - ignore), 0.0, 1.0)
-    own = vectors_to_matrices(vectors * share * share * (3 - 2 * share))
-    return place_joints(np.zeros((len(parents), 3)), parents, own, np.zeros(3))[1]
-
-
-@dataclass(frozen=True, eq=False)
-class Reposed:
-    """A figure's way from the pose it was found in to the source's rest pose."""
-
-    turns: Float[np.ndarray, "joints 3 3"]  # world, from rest to as found, heading left out
-    heading: Float[np.ndarray, "3 3"]  # turn about the vertical from the source's front
-    places: Float[np.ndarray, "joints 3"]  # joints at rest, facing the source's front
-
-
-def repose(
-    joints: Float[np.ndarray, "joints 3"],
-    rest: Float[np.ndarray, "joints 3"],
-    carriers: Int[np.ndarray, " joints"],
-    surface_turns: Float[np.ndarray, "joints 3 3"],
-    trust: Float[np.ndarray, " joints"],
-) -> Reposed:
-    """Bring a figure's joints into the source's rest pose, about its first joint.
-
-    Args:
-        joints: of the figure, as found.
-        rest: of the source, at rest.
-        carriers: the tree of both, in any order.
-        surface_turns: world rotation of each joint's surface from rest to as found.
-        trust: weight of each surface turn beside the joints' places.
-    """
-    found = recover_rest_pose(joints, rest, carriers, surface_turns=surface_turns, trust=trust)
-    turns = np.swapaxes(found, 1, 2)
-    heading = vertical_turn(turns[parents_first(carriers)[0]])
-    turns = settle_turns(heading.T @ turns, carriers)
-    undo = local_turns(np.swapaxes(heading @ turns, 1, 2), carriers)
-    root = joints[parents_first(carriers)[0]]
-    places, _ = place_joints(joints - root, carriers, undo, root)
-    return Reposed(turns, heading, places)

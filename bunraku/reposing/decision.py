@@ -1,0 +1,159 @@
+"""Tell pose from shape: which turns between a source at rest and a figure are the figure's pose.
+
+Registration finds a turn for every joint, but a bull's neck lies 30 degrees lower than a horse's
+because of what it is, not of what it does, and a clip must then add to each one's own rest. Arms
+in an A against arms in a T, or a figure caught in a run, are poses, and must be undone first.
+
+What decides (docs/log.md has the numbers): the mean turn of the whole surface, held against a bar
+that rises with the misfit, because a poor fit turns shape into pose; and, limb by limb for limbs
+off the plane of symmetry, how far the turn carries the surface.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from bunraku.graphs import descendants, parents_first
+from bunraku.registration.body import Body
+from bunraku.registration.puppet import Pose, move_puppet
+from bunraku.reposing.energy import local_turns, place_joints, recover_rest_pose
+from bunraku.rotations import matrices_to_vectors, rotation_angles, vectors_to_matrices
+from bunraku.types import NO_PARENT
+
+
+@dataclass(frozen=True, eq=False)
+class Reposed:
+    """A figure's way from the pose it was found in to the source's rest pose."""
+
+    found: Float[np.ndarray, "joints 3"]  # joints as found
+    turns: Float[np.ndarray, "joints 3 3"]  # world, from rest to as found, heading left out
+    heading: Float[np.ndarray, "3 3"]  # turn about the vertical from the source's front
+    places: Float[np.ndarray, "joints 3"]  # joints at rest, facing the source's front
+    posed: float  # 0: found at rest; 1: found in another pose
+
+
+def repose(
+    joints: Float[np.ndarray, "joints 3"],
+    body: Body,
+    surface_turns: Float[np.ndarray, "joints 3 3"],
+    trust: Float[np.ndarray, " joints"],
+    *,
+    misfit: float,
+) -> Reposed:
+    """Bring a figure's joints into the source's rest pose, about its first joint.
+
+    Args:
+        joints: of the figure, as found.
+        body: the source.
+        surface_turns: world rotation of each joint's surface from rest to as found.
+        trust: weight of each surface turn beside the joints' places.
+        misfit: of the registration; the larger, the less small turns are believed.
+    """
+    carriers = body.carriers
+    found = recover_rest_pose(
+        joints, body.joints, carriers, surface_turns=surface_turns, trust=trust
+    )
+    turns = np.swapaxes(found, 1, 2)
+    heading = vertical_turn(turns[body.puppet.joints[0]])
+    turns = heading.T @ turns
+    posed, share = believe_turns(body, turns, misfit=misfit)
+    turns = scale_turns(turns, carriers, share)
+    undo = local_turns(np.swapaxes(heading @ turns, 1, 2), carriers)
+    root = joints[parents_first(carriers)[0]]
+    places, _ = place_joints(joints - root, carriers, undo, root)
+    return Reposed(joints, turns, heading, places, posed)
+
+
+def vertical_turn(rotation: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
+    """Give the part of a rotation that turns about the vertical; a figure's heading.
+
+    Within 30 degrees of a quarter turn it is that quarter turn: figures are modelled along the
+    axes, and what is left belongs to the pose.
+    """
+    yaw = np.arctan2(rotation[0, 2] - rotation[2, 0], rotation[0, 0] + rotation[2, 2])
+    quarter = np.round(yaw / (np.pi / 2)) * (np.pi / 2)
+    chosen = quarter if abs(yaw - quarter) < np.deg2rad(30) else yaw
+    return vectors_to_matrices(np.array([0.0, chosen, 0.0]))
+
+
+def believe_turns(
+    body: Body, turns: Float[np.ndarray, "joints 3 3"], *, misfit: float
+) -> tuple[float, Float[np.ndarray, " joints"]]:
+    """Decide how much of each joint's own turn is pose: all of a posed figure's, or whole limbs'.
+
+    Args:
+        turns: world rotation of each joint from rest to as found, heading left out.
+
+    Returns:
+        how posed the whole figure is, and the share of each joint's own turn to believe.
+    """
+    puppet = body.puppet
+    mass = puppet.areas @ puppet.weights
+    mean = float(mass @ rotation_angles(turns[puppet.joints]) / mass.sum())
+    bar = np.deg2rad(5.0 + 20.0 * np.clip((misfit - 0.12) / 0.08, 0.0, 1.0))
+    posed = float(smooth_step(mean, 0.8 * bar, 1.2 * bar))
+    moved = displacement(body, turns)
+    share = np.full(len(turns), posed)
+    below = descendants(body.carriers)
+    for limb in limbs(body):
+        carried = below[limb, puppet.joints]
+        weight = mass * carried
+        if weight.sum() > 0.02 * mass.sum():
+            reach = float(weight @ moved / weight.sum())
+            believed = float(smooth_step(reach, 0.08, 0.14))
+            share[below[limb]] = np.maximum(share[below[limb]], believed)
+    return posed, share
+
+
+def smooth_step(value: float, low: float, high: float) -> float:
+    """Rise smoothly from 0 at `low` to 1 at `high`."""
+    share = float(np.clip((value - low) / (high - low), 0.0, 1.0))
+    return share * share * (3.0 - 2.0 * share)
+
+
+def displacement(
+    body: Body, turns: Float[np.ndarray, "joints 3 3"]
+) -> Float[np.ndarray, " puppet_joints"]:
+    """Give how far the turns carry each puppet joint's surface from rest, at area 1."""
+    puppet = body.puppet
+    still = np.zeros((len(puppet.parents), 2))
+    own = local_turns(turns[puppet.joints], puppet.parents)
+    moved, _ = move_puppet(puppet, Pose(puppet.anchors[0], own, still))
+    distance = np.linalg.norm(moved - puppet.vertices, axis=1)
+    weight = puppet.areas[:, None] * puppet.weights
+    return (distance @ weight) / np.maximum(weight.sum(axis=0), 1e-30)
+
+
+def limbs(body: Body) -> Int[np.ndarray, " limbs"]:
+    """Name the joint at which each limb leaves the plane of symmetry."""
+    off = off_symmetry(body.joints, body.proxy.mesh.vertices)
+    above = np.where(body.carriers == NO_PARENT, 0, body.carriers)
+    return np.flatnonzero(off & (~off[above] | (body.carriers == NO_PARENT)))
+
+
+def off_symmetry(
+    joints: Float[np.ndarray, "joints 3"], vertices: Float[np.ndarray, "vertices 3"]
+) -> Bool[np.ndarray, " joints"]:
+    """Tell which joints lie off the source's plane of symmetry, of the two vertical candidates."""
+    middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+    extent = float(np.ptp(vertices, axis=0).max())
+    errors = []
+    for axis in (0, 2):
+        mirrored = joints.copy()
+        mirrored[:, axis] = 2 * middle[axis] - joints[:, axis]
+        errors.append(np.linalg.norm(mirrored[:, None] - joints, axis=2).min(axis=1).mean())
+    axis = (0, 2)[int(np.argmin(errors))]
+    return np.asarray(np.abs(joints[:, axis] - middle[axis]) > 0.02 * extent)
+
+
+def scale_turns(
+    turns: Float[np.ndarray, "joints 3 3"],
+    parents: Int[np.ndarray, " joints"],
+    share: Float[np.ndarray, " joints"],
+) -> Float[np.ndarray, "joints 3 3"]:
+    """Keep a share of each joint's own turn; world rotations in, world rotations out."""
+    own = matrices_to_vectors(local_turns(turns, parents)) * share[:, None]
+    return place_joints(
+        np.zeros((len(parents), 3)), parents, vectors_to_matrices(own), np.zeros(3)
+    )[1]
