@@ -1,7 +1,8 @@
 """Read and write glTF 2.0, GLB and VRM."""
 
 from bunraku.formats.gltf.character import read_character
+from bunraku.formats.gltf.description import describe
 from bunraku.formats.gltf.figure import read_figure
 from bunraku.formats.gltf.writing import encode_character, encode_mesh
 
-__all__ = ["encode_character", "encode_mesh", "read_character", "read_figure"]
+__all__ = ["describe", "encode_character", "encode_mesh", "read_character", "read_figure"]

@@ -39,7 +39,11 @@ def read_character(path: Location, content: bytes | None = None) -> Character:
     """
     document = read_document(path, content)
     tree = build_tree(document)
-    blocks = read_blocks(document, tree)
+    return build_character(document, tree, read_blocks(document, tree))
+
+
+def build_character(document: Document, tree: Tree, blocks: list[Block]) -> Character:
+    """Put the parts of a rigged document together; see `read_character`."""
     if not document.gltf.skins and not animated_nodes(document):
         raise document.fault("", "is not rigged: it has neither a skin nor animated nodes")
     binding = add_rigid_joints(document, tree, blocks, bind_skins(document, tree, blocks))

@@ -15,6 +15,10 @@ def check_references(path: str, gltf: Gltf) -> None:
         if index is not None and index >= count:
             message = f"{what} {index} does not exist (there are {count})"
             raise FormatError(path, where, message)
+    for s, skin in enumerate(gltf.skins):
+        if len(set(skin.joints)) < len(skin.joints):
+            message = "a node is twice a joint of the skin; export the skin again"
+            raise FormatError(path, f"/skins/{s}/joints", message)
 
 
 def check_ranges(path: str, gltf: Gltf) -> None:
@@ -129,6 +133,9 @@ def _mesh_references(gltf: Gltf) -> Iterator[Reference]:
             where = f"/meshes/{m}/primitives/{p}"
             for name, index in primitive.attributes.items():
                 yield f"{where}/attributes/{name}", index, accessors, "accessor"
+            for i, target in enumerate(primitive.targets):
+                for name, index in target.items():
+                    yield f"{where}/targets/{i}/{name}", index, accessors, "accessor"
             yield f"{where}/indices", primitive.indices, accessors, "accessor"
             yield f"{where}/material", primitive.material, len(gltf.materials), "material"
 

@@ -8,14 +8,14 @@ import os
 import re
 import struct
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import msgspec
 
 from bunraku.formats.files import Location, read_bytes
 from bunraku.formats.gltf.checks import check_ranges, check_references
-from bunraku.formats.gltf.schema import Gltf
+from bunraku.formats.gltf.schema import Gltf, Node
 from bunraku.formats.gltf.uris import read_uri
 from bunraku.types import FormatError
 
@@ -39,6 +39,7 @@ class Document:
     gltf: Gltf
     buffers: tuple[memoryview, ...]
     is_binary: bool  # a GLB whose only buffer is its own chunk
+    warnings: list[str] = field(default_factory=list)  # what was announced so far
 
     def fault(self, where: str, message: str) -> FormatError:
         """Make the error that something at a JSON pointer is wrong."""
@@ -46,6 +47,7 @@ class Document:
 
     def warn(self, message: str) -> None:
         """Announce something odd that was repaired or left out."""
+        self.warnings.append(message)
         logger.warning("%s: %s", self.path, message)
 
     def copy_json(self) -> dict[str, Any]:
@@ -64,14 +66,17 @@ def read_document(path: Location, content: bytes | None = None) -> Document:
         FormatError: with a JSON pointer, if the file cannot be trusted.
     """
     name = os.fspath(path)
-    json, chunk = split_container(name, read_bytes(path) if content is None else content)
+    content = read_bytes(path) if content is None else content
+    json, chunk = split_container(name, content)
     gltf = _parse_json(name, json)
-    _check_support(name, gltf)
+    _refuse_compression(name, gltf)
     check_references(name, gltf)
     check_ranges(name, gltf)
     buffers = tuple(_load_buffers(name, gltf, chunk))
     is_binary = chunk is not None and len(buffers) == 1 and gltf.buffers[0].uri is None
-    return Document(name, json, gltf, buffers, is_binary)
+    document = Document(name, json, gltf, buffers, is_binary)
+    _announce_oddities(document, content)
+    return document
 
 
 def split_container(path: str, content: bytes) -> tuple[bytes, memoryview | None]:
@@ -89,8 +94,6 @@ def split_container(path: str, content: bytes) -> tuple[bytes, memoryview | None
     if length > len(content):
         message = f"GLB is cut off: it says {length} bytes and has {len(content)}"
         raise FormatError(path, "", message)
-    if length < len(content):
-        logger.warning("%s: %d bytes after the end ignored", path, len(content) - length)
     chunks = list(_split_chunks(path, memoryview(content)[:length]))
     if not chunks or chunks[0][0] != JSON_CHUNK:
         raise FormatError(path, "", "GLB does not begin with a JSON chunk")
@@ -150,8 +153,7 @@ def _refuse_null(path: str, raw: dict[str, Any]) -> None:
             waiting += [(f"{where}/{i}", item) for i, item in enumerate(value)]
 
 
-def _check_support(path: str, gltf: Gltf) -> None:
-    """Refuse compressed geometry, and announce required extensions that are unknown here."""
+def _refuse_compression(path: str, gltf: Gltf) -> None:
     for name in gltf.extensions_required:
         if name in COMPRESSED:
             message = (
@@ -159,8 +161,38 @@ def _check_support(path: str, gltf: Gltf) -> None:
                 "npx @gltf-transform/cli copy IN.glb OUT.glb"
             )
             raise FormatError(path, "/extensionsRequired", message)
+
+
+def _announce_oddities(document: Document, content: bytes) -> None:
+    """Warn of what is kept without being understood, is missing, or is left behind."""
+    for name in document.gltf.extensions_required:
         if not name.startswith(HARMLESS) and name != "KHR_mesh_quantization":
-            logger.warning("%s: required extension %s is kept, not understood", path, name[:60])
+            document.warn(f"required extension {name[:60]} is kept, but not understood")
+    if content.startswith(MAGIC):
+        extra = len(content) - int.from_bytes(content[8:12], "little")
+        if extra:
+            document.warn(f"{extra} bytes after the end of the GLB are ignored")
+    _announce_misfits(document)
+
+
+def _announce_misfits(document: Document) -> None:
+    for index, node in enumerate(document.gltf.nodes):
+        if node.weights is not None and not _has_targets(document.gltf, node):
+            document.warn(f"/nodes/{index}/weights: are not one for each morph target")
+    for index, image in enumerate(document.gltf.images):
+        if image.uri is not None and not image.uri.startswith("data:"):
+            try:
+                read_uri(document.path, f"/images/{index}/uri", image.uri)
+            except FormatError as problem:
+                document.warn(f"{problem.where}: {problem.message}")
+
+
+def _has_targets(gltf: Gltf, node: Node) -> bool:
+    """Tell whether a node has a weight for each morph target of its mesh."""
+    if node.mesh is None or node.weights is None:
+        return False
+    primitives = gltf.meshes[node.mesh].primitives
+    return all(len(primitive.targets) == len(node.weights) for primitive in primitives)
 
 
 def _load_buffers(path: str, gltf: Gltf, chunk: memoryview | None) -> Iterator[memoryview]:

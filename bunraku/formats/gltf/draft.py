@@ -118,8 +118,7 @@ def _embed_pictures(document: Document, draft: Draft) -> None:
             continue
         try:
             content, _ = read_uri(document.path, f"/images/{index}/uri", uri)
-        except FormatError as problem:
-            document.warn(f"{problem.where}: {problem.message}; the result still names it")
+        except FormatError:  # announced when the document was opened
             continue
         kinds = (kind for magic, kind in PICTURES.items() if content.startswith(magic))
         kind = picture.get("mimeType") or next(kinds, None)

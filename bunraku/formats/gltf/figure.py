@@ -10,7 +10,10 @@ from bunraku.formats.gltf.binding import bind_skins, place_block
 from bunraku.formats.gltf.document import Document, read_document
 from bunraku.formats.gltf.geometry import Block, read_blocks
 from bunraku.formats.gltf.tree import Tree, build_tree
+from bunraku.meshes import face_normals
 from bunraku.types import Figure, Mesh
+
+IDENTITY = np.eye(4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,14 +50,27 @@ def read_figure(
     document = read_document(path, content)
     tree = build_tree(document)
     blocks = read_blocks(document, tree)
+    turn = np.eye(4) if world_from_file is None else world_from_file
+    return build_figure(document, tree, blocks, world_from_file=turn)
+
+
+def build_figure(
+    document: Document,
+    tree: Tree,
+    blocks: list[Block],
+    *,
+    world_from_file: Float[np.ndarray, "4 4"] = IDENTITY,
+) -> Figure:
+    """Place all blocks in the world, in their bind pose; see `read_figure`."""
     if not blocks:
         raise document.fault("/meshes", "no mesh is shown; export a surface")
     binding = bind_skins(document, tree, blocks)
-    turn = np.eye(4) if world_from_file is None else world_from_file
-    places = np.stack([turn @ place_block(document, tree, binding, b) for b in blocks])
+    places = np.stack([world_from_file @ place_block(document, tree, binding, b) for b in blocks])
     mesh = join_blocks(document, blocks, places)
+    if len(mesh.faces) and not face_normals(mesh.vertices, mesh.faces).any():
+        raise document.fault("/meshes", "every triangle has zero area; export the surface again")
     sizes = [len(block.vertices) for block in blocks]
-    kept = FigureDocument(document, tree, tuple(blocks), places, turn)
+    kept = FigureDocument(document, tree, tuple(blocks), places, world_from_file)
     return Figure(document.path, mesh, np.repeat(np.arange(len(blocks)), sizes), kept)
 
 

@@ -44,6 +44,8 @@ def read_blocks(document: Document, tree: Tree) -> list[Block]:
     pairs = [(node, mesh) for node, mesh in shown if mesh is not None]
     modes = {primitive.mode for _, mesh in pairs for primitive in meshes[mesh].primitives}
     wanted = SURFACE if modes & SURFACE else {POINTS}
+    if modes and not modes & SURFACE:
+        document.warn("has no faces; it is taken as a point cloud")
     blocks = [block for node, mesh in pairs for block in _read_mesh(document, node, mesh, wanted)]
     if sum(len(block.vertices) for block in blocks) > MAX_VERTICES:
         raise document.fault("/meshes", f"more than {MAX_VERTICES} vertices; decimate it first")

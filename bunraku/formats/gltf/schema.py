@@ -14,7 +14,6 @@ Count = Annotated[int, Meta(ge=1)]
 Vector = Annotated[list[float], Meta(min_length=3, max_length=3)]
 Quaternion = Annotated[list[float], Meta(min_length=4, max_length=4)]
 Matrix = Annotated[list[float], Meta(min_length=16, max_length=16)]
-Extensions = dict[str, Any]
 COMPONENTS: dict[int, np.dtype[Any]] = {
     5120: np.dtype("<i1"),
     5121: np.dtype("<u1"),
@@ -91,7 +90,7 @@ class Primitive(Struct):
     indices: Index | None = None
     mode: Annotated[int, Meta(ge=0, le=6)] = 4
     material: Index | None = None
-    extensions: Extensions = {}
+    targets: list[dict[str, Index]] = []
 
 
 class Mesh(Struct):
@@ -111,8 +110,8 @@ class Node(Struct):
     translation: Vector | None = None
     rotation: Quaternion | None = None
     scale: Vector | None = None
+    weights: list[float] | None = None  # of the mesh's morph targets
     name: str | None = None
-    extensions: Extensions = {}
 
 
 class Skin(Struct, rename="camel"):

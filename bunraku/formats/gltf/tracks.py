@@ -13,8 +13,10 @@ from bunraku.formats.gltf.document import Document
 from bunraku.formats.gltf.schema import Channel, Sampler
 
 WIDTHS = {"translation": 3, "rotation": 4, "scale": 3}
+OTHER_PATHS = ("weights", "pointer")
 RATE = 60.0  # samples a second where straight lines between keys would be wrong
 SAME_TIME = 1e-5  # seconds between keys that count as one
+LONGEST = 1e6  # seconds
 MAX_FRAMES = 100_000
 
 Times = Float[np.ndarray, " frames"]
@@ -48,6 +50,8 @@ def read_tracks(document: Document, animation: int, nodes: Container[int]) -> li
     seen: set[tuple[int, str]] = set()
     for index, channel in enumerate(clip.channels):
         key = channel.target.node, channel.target.path
+        if key[1] not in (*WIDTHS, *OTHER_PATHS):
+            document.warn(f"/animations/{animation}/channels/{index}: unknown path {key[1][:20]!r}")
         if key[0] is None or key[0] not in nodes or key[1] not in WIDTHS:
             continue
         where, sampler = f"/animations/{animation}/channels/{index}", clip.samplers[channel.sampler]
@@ -65,6 +69,10 @@ def _read_times(document: Document, accessor: int) -> Times:
     times, where = read_floats(document, accessor, 1)[:, 0], f"/accessors/{accessor}"
     if not np.isfinite(times).all() or (np.diff(times) <= 0).any():
         raise document.fault(where, "key times must be numbers that rise; export the clip again")
+    if np.abs(times).max() > LONGEST:
+        raise document.fault(where, f"key time {times[-1]:.3g} s; clips end before {LONGEST:.0e} s")
+    if times[0] < 0:
+        document.warn(f"{where}: key times begin before 0, at {times[0]:.4g} s")
     if len(times) > MAX_FRAMES:
         raise document.fault(where, f"{len(times)} keys; at most {MAX_FRAMES} are read")
     return times
