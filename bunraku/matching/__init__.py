@@ -7,20 +7,31 @@
 Reference: Musoni et al. 2021, section 3.1, which takes the map as given.
 """
 
+import logging
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from bunraku.matching.alignment import align_shells, headings
+from bunraku.matching.alignment import SIZES, Alignment, align_shells, fit_map
 from bunraku.matching.refinement import mapped_coordinates, points_from_map, zoom_out
-from bunraku.matching.scoring import surface_stretch, volume_ratio
+from bunraku.matching.scoring import Judgement, judge_alignment
+from bunraku.matching.starts import (
+    mirror_match,
+    start_from_descriptors,
+    start_from_falls,
+    start_from_headings,
+    start_from_signs,
+)
 from bunraku.matching.surfaces import Surface, prepare_surface
 from bunraku.spectral import Basis
 from bunraku.types import Mesh
 
-__all__ = ["FunctionalMap", "mapped_coordinates", "match_surfaces"]
-UP = (0.0, 1.0, 0.0)
+__all__ = ["FunctionalMap", "mapped_coordinates", "match_surfaces", "prepare_surface", "zoom_out"]
+LOGGER = logging.getLogger(__name__)
+Vector = Float[np.ndarray, "3"]
+Ranked = list[tuple[Alignment, Judgement]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,9 +42,12 @@ class FunctionalMap:
     source_basis: Basis
     target_basis: Basis
     point_map: Int[np.ndarray, " target_vertices"]  # source vertex of each target vertex
-    score: float  # 0 is perfect; see scoring.py
-    mirrored: bool  # the best map found still turns the surface inside out
-    runner_up: float  # score of the next best candidate minus the score
+    source_from_target: Float[np.ndarray, "3 3"]  # rotation from which it was found
+    origin: str  # the start that won: a heading, a fallen pose, signs, signature
+    judgement: Judgement
+    score: float  # the judgement's total: 0 is perfect, above .6 is doubtful
+    mirrored: bool  # left and right are swapped even in the best map found
+    runner_up: float  # by how much the best truly different candidate scores worse
 
 
 def match_surfaces(
@@ -41,32 +55,73 @@ def match_surfaces(
     target: Mesh,
     *,
     modes: int = 100,
-    up: tuple[float, float, float] = UP,
-    seed: int = 0,
+    up: tuple[float, float, float] = (0.0, 1.0, 0.0),
+    sure: float = 0.45,
 ) -> FunctionalMap:
-    """Find the functional map between two surfaces, without landmarks."""
-    first, second = prepare_surface(source, modes=modes), prepare_surface(target, modes=modes)
-    starts = [align_shells(first, second, turn)[0] for turn in headings(np.array(up), 8)]
-    scores = [score_map(first, second, matrix) for matrix in starts]
-    best, next_best = np.argsort(scores)[:2]
-    points = points_from_map(first.basis, second.basis, starts[best])
-    matrix, points = zoom_out(
-        first.basis, second.basis, points, sizes=[*range(20, modes, 10), modes]
-    )
+    """Find the functional map between two surfaces without landmarks (Eqs. 1-2).
+
+    Upright figures are tried facing eight ways; if none of them fits surely, lying and upside
+    down, and from eigenfunction signs and signatures too. Nothing is random.
+
+    Args:
+        source: in its rest pose, standing upright.
+        target: in any pose.
+        modes: functions of each basis, and size of the map.
+        up: the upward direction of both.
+        sure: score below which the first starts are enough.
+
+    Returns:
+        the map, refined on all vertices, and the judgement of the candidate it grew from.
+
+    Raises:
+        ValueError: if a mesh has too few vertices for `modes` functions, or no area.
+    """
+    first, second = (prepare_surface(mesh, modes=modes) for mesh in (source, target))
+    upward = np.array(up, np.float64)
+    ranked = rank_starts(first, second, start_from_headings(first, second, upward), upward)
+    if ranked[0][1].total > sure:
+        mirror = mirror_match(first, upward)
+        ranked += rank_starts(first, second, start_from_falls(first, second, upward), upward)
+        ranked += rank_starts(first, second, start_from_signs(first, second, mirror), upward)
+        ranked += rank_starts(first, second, start_from_descriptors(first, second), upward)
+        ranked.sort(key=lambda entry: entry[1].total)
+    best, judgement = ranked[0]
+    LOGGER.info("map from %s, score %.3f", best.origin, judgement.total)
+    matrix = fit_map(first, second, best.matched, SIZES[-1])
+    points = points_from_map(first.basis, second.basis, matrix)
+    sizes = [*range(SIZES[-1], modes, 10), modes]
+    matrix, points = zoom_out(first.basis, second.basis, points, sizes=sizes)
     return FunctionalMap(
         matrix,
         first.basis,
         second.basis,
         points,
-        score=scores[best],
-        mirrored=volume_ratio(first, second, starts[best]) < 0,
-        runner_up=scores[next_best] - scores[best],
+        source_from_target=best.source_from_target,
+        origin=best.origin,
+        judgement=judgement,
+        score=judgement.total,
+        mirrored=judgement.mirrored,
+        runner_up=runner_up_gap(first, ranked),
     )
 
 
-def score_map(
-    source: Surface, target: Surface, matrix: Float[np.ndarray, "functions functions"]
-) -> float:
-    """Judge a candidate: 0 is perfect."""
-    carried = mapped_coordinates(source.basis, target.basis, matrix, source.vertices)
-    return surface_stretch(target, carried)
+def rank_starts(
+    source: Surface, target: Surface, starts: Iterable[Alignment], up: Vector, *, keep: int = 4
+) -> Ranked:
+    """Align from every start, first roughly, the best few finely; best first."""
+    half = len(SIZES) // 2
+    rough = [align_shells(source, target, start, sizes=SIZES[:half]) for start in starts]
+    rough.sort(key=lambda alignment: judge_alignment(source, target, alignment, up).total)
+    fine = [align_shells(source, target, start, sizes=SIZES[half:]) for start in rough[:keep]]
+    ranked = [(entry, judge_alignment(source, target, entry, up)) for entry in fine]
+    return sorted(ranked, key=lambda entry: entry[1].total)
+
+
+def runner_up_gap(source: Surface, ranked: Ranked, *, differ: float = 0.1) -> float:
+    """Tell how much worse the best candidate is that sends samples elsewhere (mean, area 1)."""
+    places = source.vertices[source.samples]
+    best, judgement = ranked[0]
+    for other, worse in ranked[1:]:
+        if np.linalg.norm(places[best.matched] - places[other.matched], axis=1).mean() > differ:
+            return worse.total - judgement.total
+    return float("inf")

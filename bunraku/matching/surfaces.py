@@ -21,6 +21,7 @@ class Surface:
     basis: Basis
     samples: Int[np.ndarray, " samples"]  # vertices spread evenly, the extremities first
     areas: Float[np.ndarray, " samples"]  # area nearest to each sample, summing to 1
+    sampled_faces: Int[np.ndarray, "some_faces 3"]  # the faces around the samples
 
 
 def prepare_surface(mesh: Mesh, *, modes: int, samples: int = 600) -> Surface:
@@ -34,7 +35,14 @@ def prepare_surface(mesh: Mesh, *, modes: int, samples: int = 600) -> Surface:
     scale = np.sqrt(surface_area(mesh.vertices, mesh.faces)) if len(mesh.faces) else 1.0
     vertices = (mesh.vertices - centre) / scale
     chosen = farthest_points(vertices, samples)
-    owner = KDTree(vertices[chosen]).query(vertices)[1]
-    areas = np.bincount(owner, basis.mass, minlength=len(chosen))
-    normals = vertex_normals(vertices, mesh.faces)
-    return Surface(vertices, mesh.faces, normals, basis, chosen, areas)
+    sampled = np.zeros(len(vertices), bool)
+    sampled[chosen] = True
+    return Surface(
+        vertices,
+        mesh.faces,
+        vertex_normals(vertices, mesh.faces),
+        basis,
+        chosen,
+        np.bincount(KDTree(vertices[chosen]).query(vertices)[1], basis.mass, len(chosen)),
+        mesh.faces[sampled[mesh.faces].any(axis=1)],
+    )
