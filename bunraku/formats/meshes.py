@@ -5,7 +5,7 @@ import logging
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from bunraku.formats.files import Location
 from bunraku.formats.headers import check_off, check_ply, check_stl
@@ -151,10 +151,8 @@ def encode_ply(mesh: Mesh) -> bytes:
     return ("\n".join([*header, "end_header"]) + "\n").encode() + body
 
 
-def merge_pieces(pieces: list[Piece]) -> tuple[Mesh, Int[np.ndarray, " vertices"]]:
-    """Put all pieces into one mesh; also give the piece of each vertex."""
-    counts = [len(piece.positions) for piece in pieces]
-    offsets = np.cumsum([0, *counts[:-1]])
+def merge_pieces(pieces: list[Piece]) -> Mesh:
+    """Put all pieces into one mesh."""
+    offsets = np.cumsum([0, *(len(piece.positions) for piece in pieces[:-1])])
     faces = [piece.faces + offset for piece, offset in zip(pieces, offsets, strict=True)]
-    vertices = np.concatenate([piece.positions for piece in pieces])
-    return Mesh(vertices, np.concatenate(faces)), np.repeat(np.arange(len(pieces)), counts)
+    return Mesh(np.concatenate([piece.positions for piece in pieces]), np.concatenate(faces))

@@ -212,7 +212,7 @@ def _fingers(
     tree: Tree, names: list[JointName], named: dict[str, int], side: str
 ) -> dict[str, int]:
     """Find the fingers that have names, the last three joints with a bone of each."""
-    found = {}
+    found: dict[str, int] = {}
     chains: dict[str, list[int]] = {}
     for joint in tree.below(named[f"{side}Hand"]):
         finger = names[joint].finger
