@@ -1,0 +1,238 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from bunraku.retargeting import (
+    Retarget,
+    as_clip,
+    face_heading,
+    heading_frames,
+    length_ratio,
+    place_in_frame,
+    retarget_clip,
+    skeleton_of,
+    turned_frames,
+    way_home,
+)
+from bunraku.rotations import compose_transforms, vectors_to_matrices
+from bunraku.skinning import clip_transforms, forward_kinematics
+from bunraku.types import Clip, Skeleton
+from tests.creatures import JOINTS, NAMES, PARENTS
+
+AHEAD = np.eye(3)
+LEFT = Rotation.from_euler("y", 90, degrees=True).as_matrix()
+
+
+def world_of(skeleton: Skeleton, clip: Clip) -> np.ndarray:
+    return forward_kinematics(skeleton.parents, clip_transforms(clip))
+
+
+def plan(creature, **changes) -> Retarget:
+    """Retarget the creature to itself, but for what is changed."""
+    same = Retarget(creature.skeleton, JOINTS, PARENTS, 1.0, AHEAD)
+    return replace(same, **changes)
+
+
+@pytest.fixture
+def rig() -> tuple[Skeleton, Clip]:
+    """Hips, a leg below them, and its foot, which hangs off the hips as in rigs with IK."""
+    rest = np.tile(np.eye(4), (3, 1, 1))
+    rest[:, :3, 3] = [[0, 1, 0], [0, 0, 0], [0, -1, 0]]
+    skeleton = Skeleton(("hips", "leg", "foot"), np.array([-1, 0, 0]), rest)
+    swing = vectors_to_matrices(np.outer([0.0, 0.3, 0.6], [1.0, 0, 0]))
+    local = np.tile(rest, (3, 1, 1, 1))
+    local[:, 1, :3, :3] = swing  # the foot follows the end of the leg
+    local[:, 2, :3, 3] = np.einsum("fab,b->fa", swing, [0.0, -1, 0])
+    return skeleton, as_clip(Clip("Kick", np.arange(3.0), *standing(3, 3)), local)
+
+
+def standing(frames: int, joints: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    still = np.tile([0.0, 0, 0, 1], (frames, joints, 1))
+    return np.zeros((frames, joints, 3)), still, np.ones((frames, joints, 3))
+
+
+def test_a_leg_twice_as_long_by_hand(rig):
+    """World turns are copied; the foot, carried by its leg, stays at the end of it."""
+    skeleton, clip = rig
+    longer = np.array([[0.0, 2, 0], [0, 2, 0], [0, 0, 0]])
+    carried = retarget_clip(clip, Retarget(skeleton, longer, np.array([-1, 0, 1]), 2.0, AHEAD))
+    world = world_of(skeleton, carried)
+    for frame, angle in enumerate([0.0, 0.3, 0.6]):
+        foot = [0, 2 - 2 * np.cos(angle), -2 * np.sin(angle)]
+        np.testing.assert_allclose(world[frame, 2, :3, 3], foot, atol=1e-9)
+    np.testing.assert_allclose(world[:, :, :3, :3], world_of(skeleton, clip)[:, :, :3, :3])
+
+
+def test_a_foot_carried_by_its_leg_keeps_its_distance_on_any_leg(rig):
+    skeleton, clip = rig
+    crooked = np.array([[0.0, 1, 0], [0.1, 0.9, 0], [0.1, 0.2, 0.3]])
+    carried = retarget_clip(clip, Retarget(skeleton, crooked, np.array([-1, 0, 1]), 1.0, AHEAD))
+    world = world_of(skeleton, carried)[:, :, :3, 3]
+    length = np.linalg.norm(world[:, 2] - world[:, 1], axis=1)
+    np.testing.assert_allclose(length, np.linalg.norm(crooked[2] - crooked[1]))
+
+
+def test_retargeting_to_the_same_skeleton_changes_nothing(creature):
+    clip = creature.clips[0]
+    carried = retarget_clip(clip, plan(creature))
+    assert carried.name == clip.name
+    np.testing.assert_array_equal(carried.times, clip.times)
+    expected = world_of(creature.skeleton, clip)
+    np.testing.assert_allclose(world_of(creature.skeleton, carried), expected, atol=1e-9)
+
+
+def test_a_figure_twice_the_size_travels_twice_as_far(creature):
+    clip = creature.clips[0]
+    twice = plan(creature, places=2 * JOINTS, scale=2.0)
+    figure = skeleton_of(creature.skeleton, turned_frames(creature.skeleton, 2 * JOINTS))
+    before = world_of(creature.skeleton, clip)
+    after = world_of(figure, retarget_clip(clip, twice))
+    np.testing.assert_allclose(after[..., :3, 3], 2 * before[..., :3, 3], atol=1e-9)
+    np.testing.assert_allclose(after[..., :3, :3], before[..., :3, :3], atol=1e-9)
+
+
+def test_travel_is_scaled_apart_from_the_figure(creature):
+    clip = creature.clips[0]
+    before = world_of(creature.skeleton, clip)[:, 0, :3, 3]
+    short = plan(creature, scale=0.5)
+    after = world_of(creature.skeleton, retarget_clip(clip, short))[:, 0, :3, 3]
+    np.testing.assert_allclose(after - after[0], 0.5 * (before - before[0]), atol=1e-9)
+
+
+def test_other_proportions_keep_their_bones_and_take_the_world_turns(creature, rng):
+    clip, places = creature.clips[0], JOINTS + rng.normal(scale=0.05, size=JOINTS.shape)
+    after = world_of(creature.skeleton, retarget_clip(clip, plan(creature, places=places)))
+    before = world_of(creature.skeleton, clip)
+    np.testing.assert_allclose(after[..., :3, :3], before[..., :3, :3], atol=1e-9)
+    joints = after[..., :3, 3]
+    lengths = np.linalg.norm(joints[:, 1:] - joints[:, PARENTS[1:]], axis=2)
+    own = np.linalg.norm(places[1:] - places[PARENTS[1:]], axis=1)
+    np.testing.assert_allclose(lengths, np.tile(own, (len(lengths), 1)), atol=1e-9)
+
+
+def test_a_figure_that_faces_left_moves_to_the_left(creature):
+    clip = creature.clips[0]
+    before = world_of(creature.skeleton, clip)
+    after = world_of(creature.skeleton, retarget_clip(clip, plan(creature, heading=LEFT)))
+    turned = face_heading(plan(creature, heading=LEFT)) @ before
+    np.testing.assert_allclose(after, turned, atol=1e-9)
+    way = after[-1, 0, :3, 3] - after[0, 0, :3, 3]
+    np.testing.assert_allclose(way, [0.5, 0.05, 0.0], atol=1e-9)  # the source walks along +Z
+
+
+def test_a_bone_that_a_clip_stretches_is_stretched_alike(creature):
+    clip, head = creature.clips[0], NAMES.index("head")
+    translations = clip.translations.copy()
+    translations[4, head] *= 1.5
+    stretched = replace(clip, translations=translations)
+    places = JOINTS.copy()
+    places[head] = JOINTS[1] + 2 * (JOINTS[head] - JOINTS[1])
+    after = world_of(creature.skeleton, retarget_clip(stretched, plan(creature, places=places)))
+    length = np.linalg.norm(after[:, head, :3, 3] - after[:, 1, :3, 3], axis=1)
+    own = np.linalg.norm(places[head] - places[1])
+    np.testing.assert_allclose(length / own, np.where(np.arange(8) == 4, 1.5, 1.0), atol=1e-9)
+
+
+def test_scales_of_a_clip_are_kept(creature):
+    clip = creature.clips[0]
+    scales = clip.scales.copy()
+    scales[:, NAMES.index("leftArm")] = [1.0, 1.3, 1.0]
+    squashed = replace(clip, scales=scales)
+    carried = retarget_clip(squashed, plan(creature, places=1.2 * JOINTS))
+    np.testing.assert_allclose(carried.scales, scales, atol=1e-9)
+
+
+def test_the_order_of_joints_does_not_matter(creature):
+    """Carriers may come after what they carry, as feet stored before their legs."""
+    swap = np.array([0, 1, 2, 3, 4, 6, 5])
+    frames = forward_kinematics(PARENTS, creature.skeleton.rest)[swap]
+    skeleton = skeleton_of(creature.skeleton, frames)
+    clip = creature.clips[0]
+    parts = (getattr(clip, name)[:, swap] for name in ("translations", "rotations", "scales"))
+    shuffled = Clip(clip.name, clip.times, *parts)
+    carriers = np.array([-1, 0, 1, 1, 1, 6, 0])  # the right leg by the left, stored after it
+    plain = np.array([-1, 0, 1, 1, 1, 0, 5])
+    places = JOINTS * [1.1, 1.0, 0.9]
+    one = retarget_clip(clip, plan(creature, places=places, carriers=plain))
+    other = retarget_clip(shuffled, Retarget(skeleton, places[swap], carriers, 1.0, AHEAD))
+    np.testing.assert_allclose(
+        world_of(skeleton, other), world_of(creature.skeleton, one)[:, swap], atol=1e-9
+    )
+
+
+def test_a_bones_place_in_its_carriers_frame_by_hand():
+    carrier = compose_transforms(np.array([1.0, 0, 0]), LEFT)  # its Z looks along the world's X
+    joint = compose_transforms(np.array([3.0, 0, 0]), AHEAD)
+    np.testing.assert_allclose(place_in_frame(carrier, joint), [0, 0, 2], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("own", "offset", "ratio"), [(2.0, 1.0, 2.0), (50.0, 1.0, 12.0), (0.0, 1.0, 0.75), (9.0, 0, 3)]
+)
+def test_length_ratios_stay_within_four_times_the_figures(own, offset, ratio):
+    found = length_ratio(np.array([own, 0, 0]), np.array([0, float(offset), 0]), 3.0)
+    assert np.isclose(found, ratio)
+
+
+def test_a_clip_survives_the_way_through_matrices(creature):
+    clip = creature.clips[0]
+    back = as_clip(clip, clip_transforms(clip))
+    np.testing.assert_allclose(back.translations, clip.translations, atol=1e-12)
+    np.testing.assert_allclose(back.scales, clip.scales, atol=1e-9)
+    np.testing.assert_allclose(clip_transforms(back), clip_transforms(clip), atol=1e-9)
+
+
+def test_neighbouring_quaternions_lie_on_one_side():
+    """A whole turn about Z, through the half turn where w changes sign."""
+    angles = np.linspace(0, 2 * np.pi, 24)
+    turns = vectors_to_matrices(angles[:, None, None] * np.array([0.0, 0, 1]))
+    local = compose_transforms(np.zeros((24, 1, 3)), turns)
+    clip = as_clip(Clip("Spin", np.arange(24.0), *standing(24, 1)), local)
+    dots = np.einsum("fjc,fjc->fj", clip.rotations[1:], clip.rotations[:-1])
+    assert (dots > 0.98).all()
+    np.testing.assert_allclose(clip_transforms(clip), local, atol=1e-12)
+
+
+def test_turned_frames_are_the_sources_own_at_its_own_joints(creature):
+    world = forward_kinematics(PARENTS, creature.skeleton.rest)
+    np.testing.assert_allclose(turned_frames(creature.skeleton, JOINTS), world, atol=1e-9)
+    turns = np.tile(LEFT, (7, 1, 1))
+    turned = turned_frames(creature.skeleton, JOINTS, turns)
+    np.testing.assert_allclose(turned[:, :3, :3], LEFT @ world[:, :3, :3], atol=1e-12)
+    np.testing.assert_allclose(turned[:, :3, 3], JOINTS)
+    skeleton = skeleton_of(creature.skeleton, world)
+    np.testing.assert_allclose(skeleton.rest, creature.skeleton.rest, atol=1e-9)
+
+
+def test_a_heading_turns_the_rest_pose_about_the_root(creature):
+    world = heading_frames(plan(creature, heading=LEFT))
+    np.testing.assert_allclose(world[0, :3, 3], JOINTS[0], atol=1e-12)
+    left_arm = world[3, :3, 3] - world[0, :3, 3]
+    np.testing.assert_allclose(left_arm, LEFT @ (JOINTS[3] - JOINTS[0]), atol=1e-12)
+
+
+HIPS = np.array([0.3, 1.0, 0.4])
+HOME = np.array([0.0, 1.0, 0.0])
+
+
+def standing_at(height: float) -> np.ndarray:
+    """Give a figure 2 m high with its soles at this height."""
+    return np.array([[0.0, height, 0.0], [0.0, height + 2.0, 0.0]])
+
+
+def test_a_figure_found_at_rest_stays_on_its_own_ground():
+    shift = way_home(standing_at(5.0), standing_at(4.9), HIPS, HOME, posed=False)
+    np.testing.assert_allclose(shift, [0, 0.1, 0])
+
+
+def test_a_figure_caught_in_motion_near_the_origin_goes_home():
+    shift = way_home(standing_at(0.2), standing_at(0.1), HIPS, HOME, posed=True)
+    np.testing.assert_allclose(shift, [-0.3, -0.1, -0.4], atol=1e-12)
+
+
+def test_a_figure_caught_in_motion_far_away_stays_there():
+    far = standing_at(7.0)
+    shift = way_home(far, far, HIPS * [10.0, 7.0, 1.0], HOME, posed=True)
+    np.testing.assert_allclose(shift, 0, atol=1e-12)
