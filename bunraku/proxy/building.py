@@ -39,7 +39,7 @@ def build_proxy(
     Returns:
         the proxy, and where each of `vertices`, unwelded, lies on it.
     """
-    welded, kept, _ = meshes.weld(vertices, faces)
+    welded, kept, welded_of = meshes.weld(vertices, faces)
     figure = Mesh(welded, kept)
     if len(kept) > MOST_FACES:
         figure = closed.simplify(figure, MOST_FACES)
@@ -47,8 +47,8 @@ def build_proxy(
     mesh = None if body is None else closed.resample(body, vertex_count)
     if mesh is None:
         mesh = wrap(figure, vertex_count)
-    face, barycentric, _ = meshes.closest_points(vertices, mesh.vertices, mesh.faces)
-    return Proxy(mesh, mesh.faces[face], barycentric)
+    face, barycentric, _ = meshes.closest_points(welded, mesh.vertices, mesh.faces)
+    return Proxy(mesh, mesh.faces[face][welded_of], barycentric[welded_of])
 
 
 def face_outwards(

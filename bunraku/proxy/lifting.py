@@ -1,17 +1,27 @@
 """Carry what is known at a proxy's vertices to the full figure."""
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
+from scipy.sparse import csr_array
 
 from bunraku import meshes
 from bunraku.proxy.building import Proxy
+
+SEAM = 5e-4  # parts nearer than this share of the longest extent hang together
+DUST = 1e-4  # share of the area below which a part is no accessory, only a scrap of a surface
+BODY = 0.35  # share of the area above which a part is no accessory, but the body or its clothes
 
 
 def lift(
     proxy: Proxy, values: Float[np.ndarray, "proxy_vertices *values"]
 ) -> Float[np.ndarray, "vertices *values"]:
     """Blend values at the proxy's vertices into every vertex of the figure."""
-    return meshes.interpolate(values, proxy.corners, proxy.barycentric)
+    count = len(proxy.corners)
+    starts = np.arange(0, 3 * count + 1, 3)
+    blend = csr_array(
+        (proxy.barycentric.ravel(), proxy.corners.ravel(), starts), shape=(count, len(values))
+    )
+    return (blend @ values.reshape(len(values), -1)).reshape(count, *values.shape[1:])
 
 
 def lift_weights(
@@ -20,7 +30,78 @@ def lift_weights(
     vertices: Float[np.ndarray, "vertices 3"],
     faces: Int[np.ndarray, "faces 3"],
 ) -> Float[np.ndarray, "vertices joints"]:
-    """Carry skinning weights to the figure; vertices at one place get one row."""
+    """Carry skinning weights to the figure; accessories move as wholes.
+
+    An eye, a hat, a buckle or a backpack gets one row of weights. What spans several joints (a
+    shirt, a sleeve, a boot, long hair) keeps the weights of the skin below it, vertex by vertex.
+    """
     lifted = lift(proxy, weights)
-    _, first, place = np.unique(vertices, axis=0, return_index=True, return_inverse=True)
-    return lifted[first][place.reshape(-1)]
+    if not len(faces):
+        return lifted
+    part, areas = hanging_parts(vertices, faces)
+    count = int(part.max()) + 1
+    part_areas = np.bincount(part, areas, count)
+    mean = (
+        _sum_parts(part, areas[:, None] * lifted, count) / np.maximum(part_areas, 1e-300)[:, None]
+    )
+    apart = np.abs(lifted - mean[part]).sum(axis=1) / 2
+    spread = np.bincount(part, areas * apart, count) / np.maximum(part_areas, 1e-300)
+    share = part_areas / part_areas.sum()
+    whole = moves_as_whole(mean, spread, share, part_extents(vertices, part, count))
+    rigid = whole[part]
+    lifted[rigid] = sharpen(mean)[part[rigid]]
+    return lifted
+
+
+def _sum_parts(
+    part: Int[np.ndarray, " vertices"], values: Float[np.ndarray, "vertices joints"], count: int
+) -> Float[np.ndarray, "parts joints"]:
+    """Add up the rows of each part."""
+    vertices = np.arange(len(part))
+    return csr_array((np.ones(len(part)), (part, vertices)), shape=(count, len(part))) @ values
+
+
+def hanging_parts(
+    vertices: Float[np.ndarray, "vertices 3"], faces: Int[np.ndarray, "faces 3"]
+) -> tuple[Int[np.ndarray, " vertices"], Float[np.ndarray, " vertices"]]:
+    """Number the parts of a figure, seams healed; give each vertex its part and its area."""
+    welded, _, welded_of = meshes.weld(vertices, faces, tolerance=SEAM)
+    part = meshes.connected_parts(welded_of[faces], len(welded))[welded_of]
+    return part, meshes.vertex_areas(vertices, faces)
+
+
+def part_extents(
+    vertices: Float[np.ndarray, "vertices 3"], part: Int[np.ndarray, " vertices"], count: int
+) -> Float[np.ndarray, " parts"]:
+    """Measure each part's longest side, as a share of the figure's."""
+    low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
+    np.minimum.at(low, part, vertices)
+    np.maximum.at(high, part, vertices)
+    return (high - low).max(axis=1) / np.ptp(vertices, axis=0).max()
+
+
+def moves_as_whole(
+    mean: Float[np.ndarray, "parts joints"],
+    spread: Float[np.ndarray, " parts"],
+    share: Float[np.ndarray, " parts"],
+    extent: Float[np.ndarray, " parts"],
+) -> Bool[np.ndarray, " parts"]:
+    """Tell which parts are accessories: their weights hardly differ from vertex to vertex.
+
+    A part that is small beside the zones in which weights change, or that one joint rules, may
+    differ more: what differs is then how it was matched, not how it should move.
+
+    Args:
+        mean: area-weighted mean weights of each part.
+        spread: mean distance of a part's weights from that mean; 0 all equal, 1 all different.
+        share: of the figure's area.
+        extent: longest side, as a share of the figure's.
+    """
+    ruled = (mean.max(axis=1) >= 0.7) | (extent <= 0.1)
+    return (share >= DUST) & (share <= BODY) & ((spread <= 0.1) | (ruled & (spread <= 0.25)))
+
+
+def sharpen(mean: Float[np.ndarray, "parts joints"]) -> Float[np.ndarray, "parts joints"]:
+    """Let the joint that rules a part rule it more: a hat on a head does not follow the neck."""
+    squared = mean**2
+    return squared / np.maximum(squared.sum(axis=1, keepdims=True), 1e-300)
