@@ -14,7 +14,7 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-from choreography import gaits, standing, weighty
+from choreography import dancing, gaits, standing, weighty
 from choreography.body import clip_arrays
 from choreography.curves import RATE
 
@@ -25,7 +25,7 @@ CLIPS = {
     "run": gaits.run,
     "jump": weighty.jump,
     "wave": standing.wave_hand,
-    "dance": standing.dance,
+    "dance": dancing.dance,
     "sitDown": weighty.sit_down,
     "turn": standing.turn,
     "cheer": standing.cheer,

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
+from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 from scipy.spatial.transform import Rotation
 
 from bunraku.builtin import human
@@ -26,7 +27,7 @@ JOINTS = {
         SKELETON.names, forward_kinematics(SKELETON.parents, SKELETON.rest), strict=True
     )
 }
-STANDING = JOINTS["hips"][1]
+STANDING = JOINTS["hips"][1] + 0.012  # with the feet closer together than at rest
 SIDES = ("left", "right")
 
 Turns = Float[np.ndarray, "frames 3 3"]
@@ -44,11 +45,11 @@ class Arm:
 
     swing: Float[np.ndarray, " frames"] | float = 4.0
     spread: Float[np.ndarray, " frames"] | float = 10.0
-    twist: Float[np.ndarray, " frames"] | float = 18.0
+    twist: Float[np.ndarray, " frames"] | float = 4.0
     elbow: Float[np.ndarray, " frames"] | float = 18.0
     pronate: Float[np.ndarray, " frames"] | float = 10.0
     wrist: Float[np.ndarray, " frames"] | float = 6.0
-    tilt: Float[np.ndarray, " frames"] | float = 0.0
+    tilt: Float[np.ndarray, " frames"] | float = 6.0
     shrug: Float[np.ndarray, " frames"] | float = 0.0
     reach: Float[np.ndarray, " frames"] | float = 0.0
 
@@ -106,7 +107,7 @@ def unit(vectors: Float[np.ndarray, "*frames 3"]) -> Float[np.ndarray, "*frames 
 def frame(
     bone: Float[np.ndarray, "*frames 3"], hinge: Float[np.ndarray, "*frames 3"]
 ) -> Float[np.ndarray, "*frames 3 3"]:
-    """Build a rotation whose columns are a bone's direction, its hinge made upright, and a third."""
+    """Build a rotation of three columns: a bone's direction, its hinge made square, a third."""
     bone = unit(bone)
     hinge = unit(hinge - np.sum(hinge * bone, axis=-1, keepdims=True) * bone)
     return np.stack([bone, hinge, np.cross(bone, hinge)], axis=-1)
@@ -207,16 +208,24 @@ def world_turns(posture: Posture) -> tuple[dict[str, Turns], Float[np.ndarray, "
     return answer, np.stack(used, axis=-1)
 
 
-def settle(posture: Posture, limit: float = 0.994) -> Posture:
-    """Lower the hips, by one amount in all frames, until both legs reach their feet easily."""
-    low, high = -0.3, 0.05
-    for _ in range(30):
+def settle(posture: Posture, limit: float = 0.993, *, loop: bool = False) -> Posture:
+    """Lower the hips where a leg would be stretched over a share of its length, and smoothly.
+
+    Args:
+        posture: a body whose feet may be out of reach.
+        limit: how much of a leg's length may be used; 1 is a locked knee.
+        loop: whether the last frame goes on in the first.
+    """
+    frames = len(posture.hips)
+    low, high = np.full(frames, 0.4), np.zeros(frames)
+    for _ in range(20):
         middle = (low + high) / 2
-        if world_turns(lifted(posture, middle))[1].max() > limit:
-            high = middle
-        else:
-            low = middle
-    return lifted(posture, low)
+        reached = (world_turns(lifted(posture, -middle))[1] <= limit).all(axis=1)
+        low, high = np.where(reached, middle, low), np.where(reached, high, middle)
+    drop = low[:-1] if loop else low
+    mode = "wrap" if loop else "nearest"
+    smooth = gaussian_filter1d(maximum_filter1d(drop, 9, mode=mode), 2.0, mode=mode, radius=4)
+    return lifted(posture, -(np.append(smooth, smooth[0]) if loop else smooth))
 
 
 def lifted(posture: Posture, height: float | Float[np.ndarray, " frames"]) -> Posture:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
-from scipy.interpolate import PchipInterpolator
+from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
 RATE = 30.0
 Keys = Sequence[tuple[float, float | Sequence[float]]]
@@ -22,7 +22,17 @@ def keyed(times: Float[np.ndarray, " frames"], keys: Keys) -> Float[np.ndarray, 
     """
     at = np.array([key[0] for key in keys])
     values = np.array([key[1] for key in keys], np.float64)
+    at = np.concatenate([[at[0] - 1.0], at, [at[-1] + 1.0]])  # so that it starts and ends flat
+    values = np.concatenate([values[:1], values, values[-1:]])
     return PchipInterpolator(at, values)(np.clip(times, at[0], at[-1]))
+
+
+def thrown(
+    times: Float[np.ndarray, " frames"], keys: Sequence[tuple[float, float, float]]
+) -> Float[np.ndarray, " frames"]:
+    """Draw a curve through (time, value, velocity) keys; it holds its value outside them."""
+    at, values, speeds = np.array(keys).T
+    return CubicHermiteSpline(at, values, speeds)(np.clip(times, at[0], at[-1]))
 
 
 def looped(phases: Float[np.ndarray, " frames"], keys: Keys) -> Float[np.ndarray, "frames *values"]:

@@ -20,7 +20,7 @@ TIP = np.array([0.0, 0.0, SOLE[:, 2].max() - 0.006 - JOINTS["leftFoot"][2]])
 def rolled(
     place: Triples, yaw: Float[np.ndarray, " frames"], pitch: Float[np.ndarray, " frames"]
 ) -> tuple[Triples, Float[np.ndarray, " frames"]]:
-    """Roll feet that stand: over the heel if the toes are up, over ball and toe tip if they are not.
+    """Roll feet that stand: over the heel if the toes are up, else over ball and toe tip.
 
     Args:
         place: the point of the floor under the ankle when the foot stands flat.

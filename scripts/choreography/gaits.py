@@ -27,7 +27,7 @@ WALK = Stride(
         (0.91, -14.0),
         (0.97, -21.0),
     ),
-    flight=((0.80, -0.06, 0.165), (0.93, 0.30, 0.115)),
+    flight=((0.71, -0.25, 0.225), (0.82, 0.0, 0.165), (0.93, 0.29, 0.125)),
 )
 RUN = Stride(
     length=2.05,
@@ -67,7 +67,7 @@ def gait_arm(
     return Arm(
         swing=forward + swing * ahead,
         spread=11.0 + 2.0 * wave(phase, 0.5),
-        twist=3.0 + 9.0 * late,
+        twist=2.0 + 8.0 * late,
         elbow=elbow[0] + (elbow[1] - elbow[0]) * (late + 1) / 2,
         pronate=14.0 + 6.0 * late,
         wrist=8.0 + 5.0 * wave(phase, 0.15),
@@ -99,7 +99,9 @@ def walk() -> Posture:
             right_foot=stride_foot(WALK, phase, "right"),
             left_arm=gait_arm(phase - 0.5, forward=3.0, swing=21.0, elbow=(14.0, 34.0)),
             right_arm=gait_arm(phase, forward=3.0, swing=21.0, elbow=(14.0, 34.0)),
-        )
+        ),
+        limit=0.997,
+        loop=True,
     )
 
 
@@ -127,5 +129,6 @@ def run() -> Posture:
             left_arm=gait_arm(phase - 0.5, forward=-13.0, swing=42.0, elbow=(76.0, 104.0)),
             right_arm=gait_arm(phase, forward=-13.0, swing=42.0, elbow=(76.0, 104.0)),
         ),
-        limit=0.985,
+        limit=0.975,
+        loop=True,
     )

@@ -1,15 +1,16 @@
-"""Clips about the spot: idle, wave, turn, dance, cheer."""
+"""Clips about the spot: idle, wave, turn, cheer."""
 
 import numpy as np
 from jaxtyping import Float
 
 from choreography.body import STANDING, Arm, Foot, Posture, settle
-from choreography.curves import Keys, columns, frame_times, keyed, looped, wave
+from choreography.curves import columns, frame_times, keyed, looped, wave
 from choreography.feet import Step, planted, stepping
 
 HALF_WIDTH = 0.10
 TOE_OUT = 9.0
-EASY = 0.982  # of the leg's length: knees not locked
+EASY = 0.9965  # of the leg's length: knees not locked
+BALANCE = 0.022  # metres that the hips are ahead of the ankles
 Curve = Float[np.ndarray, " frames"]
 
 
@@ -59,7 +60,7 @@ def idle() -> Posture:
             hips=columns(
                 0.030 * shift,
                 STANDING - 0.006 * shift**2 + 0.003 * breathing,
-                0.006 * wave(phase, 0.7),
+                BALANCE + 0.006 * wave(phase, 0.7),
             ),
             pelvis=columns(-3.0 * shift, 1.0 + 0.5 * breathing, 2.6 * shift),
             chest=columns(0.18 * look - 1.0 * late, 1.0 - 1.8 * breathing, -1.6 * late),
@@ -70,6 +71,7 @@ def idle() -> Posture:
             right_arm=arm(-1.0, 3.0),
         ),
         EASY,
+        loop=True,
     )
 
 
@@ -101,7 +103,7 @@ def wave_hand() -> Posture:
     )
     return settle(
         Posture(
-            hips=columns(0.022 * body, STANDING - 0.006 * np.abs(body), 0.0),
+            hips=columns(0.022 * body, STANDING - 0.006 * np.abs(body), BALANCE),
             pelvis=columns(-3.0 * body, 1.0, 2.0 * body),
             chest=columns(
                 -6.0 * body + 1.5 * swaying, 1.0 - 2.0 * body - breathing, -3.5 * body + 1.2 * late
@@ -174,92 +176,16 @@ def turn() -> Posture:
 
     return settle(
         Posture(
-            hips=columns(x, STANDING + bob, z),
+            hips=columns(
+                x + BALANCE * np.sin(np.radians(pelvis)),
+                STANDING + bob,
+                z + BALANCE * np.cos(np.radians(pelvis)),
+            ),
             pelvis=columns(pelvis, 1.5, 2.5 * spin),
             chest=columns(chest, 2.0 + 2.0 * spin, 1.5 * spin),
             head=columns(head, 2.0 + 6.0 * spin, -2.0 * spin),
             left_foot=left,
             right_foot=right,
-            left_arm=arm(1.0),
-            right_arm=arm(-1.0),
-        ),
-        EASY,
-    )
-
-
-def dance() -> Posture:
-    """Dance for eight beats: step and touch to each side, then sway with the arms up."""
-    times = frame_times(4.0)
-    beat = times * 2.0  # 120 beats a minute
-    phase = times / 4.0
-    bounce = wave(beat, 0.08)  # 1 is low, a little after the beat
-    side_keys: Keys = [
-        (0.0, -1.0),
-        (0.115, 1.0),
-        (0.135, 1.0),
-        (0.24, -1.0),
-        (0.26, -1.0),
-        (0.365, 1.0),
-        (0.385, 1.0),
-        (0.49, -1.0),
-        (0.51, -1.0),
-        (0.60, 1.0),
-        (0.645, 1.0),
-        (0.725, -1.0),
-        (0.77, -1.0),
-        (0.85, 1.0),
-        (0.895, 1.0),
-        (0.975, -1.0),
-    ]
-    side, late = looped(phase, side_keys), looped(phase - 0.02, side_keys)
-    raised = looped(phase, [(0.0, 0.0), (0.46, 0.0), (0.54, 1.0), (0.93, 1.0), (0.995, 0.0)])
-    left = stepping(
-        times,
-        (0.13, 0.0, 12.0),
-        (
-            Step(0.12, 0.44, 0.22, 0.0, 14.0),
-            Step(0.62, 0.94, 0.13, 0.02, 12.0, 0.05),
-            Step(1.12, 1.44, 0.22, 0.0, 14.0),
-            Step(1.62, 1.94, 0.13, 0.0, 12.0, 0.05),
-        ),
-    )
-    right = stepping(
-        times,
-        (-0.13, 0.0, -12.0),
-        (
-            Step(0.14, 0.46, -0.13, 0.02, -12.0, 0.05),
-            Step(0.64, 0.96, -0.22, 0.0, -14.0),
-            Step(1.14, 1.46, -0.13, 0.0, -12.0, 0.05),
-        ),
-    )
-    return _dancing(times, (bounce, side, late, raised), (left, right))
-
-
-def _dancing(times: Curve, curves: tuple[Curve, ...], feet: tuple[Foot, Foot]) -> Posture:
-    """Move the body over dancing feet."""
-    bounce, side, late, raised = curves
-
-    def arm(sign: float) -> Arm:
-        pump = -sign * late
-        return Arm(
-            swing=12.0 + 20.0 * pump * (1 - raised) + 8.0 * raised,
-            spread=16.0 + 6.0 * bounce * (1 - raised) + raised * (118.0 + 8.0 * pump),
-            twist=10.0 - 60.0 * raised,
-            elbow=78.0 + 16.0 * pump - raised * (34.0 + 10.0 * bounce),
-            pronate=20.0,
-            wrist=4.0 + 8.0 * pump,
-            tilt=10.0 * pump * raised,
-            shrug=3.0 * bounce,
-        )
-
-    return settle(
-        Posture(
-            hips=columns(0.075 * side, STANDING - 0.028 * (bounce + 1), 0.01 * bounce),
-            pelvis=columns(7.0 * side, 3.0 + 2.0 * bounce, 6.5 * side),
-            chest=columns(-9.0 * late, 3.0 + 3.0 * bounce, -6.0 * late),
-            head=columns(6.0 * late, 2.0 + 5.0 * bounce, 4.0 * side),
-            left_foot=feet[0],
-            right_foot=feet[1],
             left_arm=arm(1.0),
             right_arm=arm(-1.0),
         ),
@@ -274,9 +200,9 @@ def cheer() -> Posture:
         times,
         [
             (0.1, 0.0),
-            (0.28, -0.14),
-            (0.58, 1.06),
-            (0.74, 1.0),
+            (0.26, -0.12),
+            (0.66, 1.05),
+            (0.82, 1.0),
             (1.75, 1.0),
             (2.3, -0.03),
             (2.55, 0.0),
@@ -288,8 +214,8 @@ def cheer() -> Posture:
     heel = keyed(
         times,
         [
-            (0.34, 0.0),
-            (0.58, 26.0),
+            (0.38, 0.0),
+            (0.64, 26.0),
             (0.80, 4.0),
             (1.02, 24.0),
             (1.24, 4.0),
@@ -307,7 +233,7 @@ def cheer() -> Posture:
         return Arm(
             swing=4.0 - 26.0 * crouch * (up < 0.2) + 8.0 * up,
             spread=10.0 + 138.0 * up - 6.0 * pump + 2.0 * side,
-            twist=14.0 - 60.0 * up,
+            twist=4.0 - 50.0 * up,
             elbow=18.0 + 24.0 * crouch + 4.0 * up + 52.0 * pump,
             pronate=10.0,
             wrist=6.0 - 8.0 * up,
@@ -316,7 +242,9 @@ def cheer() -> Posture:
 
     return settle(
         Posture(
-            hips=columns(0.0, STANDING - 0.10 * crouch + tiptoe, 0.02 * up - 0.02 * crouch),
+            hips=columns(
+                0.0, STANDING - 0.10 * crouch + tiptoe, BALANCE + 0.02 * up - 0.02 * crouch
+            ),
             pelvis=columns(0.0, 1.0 + 14.0 * crouch - 3.0 * up, 0.0),
             chest=columns(0.0, 1.0 + 18.0 * crouch - 8.0 * up + 3.0 * pump, 0.0),
             head=columns(0.0, 2.0 + 4.0 * crouch - 14.0 * up + 4.0 * pump, 0.0),
