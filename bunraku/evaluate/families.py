@@ -3,6 +3,7 @@
 Families are found by structure, not by name: files of one folder that share most joint names.
 """
 
+import logging
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,9 +11,11 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
+from bunraku.formats import read_character
 from bunraku.skinning import clip_transforms, forward_kinematics, linear_blend_skinning
-from bunraku.types import Character, Clip, Mesh
+from bunraku.types import Character, Clip, FormatError, Mesh
 
+logger = logging.getLogger(__name__)
 RIGGED_SUFFIXES = {".glb", ".gltf", ".vrm"}
 
 
@@ -40,19 +43,44 @@ def freeze(character: Character, clip: Clip) -> Mesh:
     return Mesh(vertices, character.mesh.faces)
 
 
-def play_at(
+def motion_at(
     character: Character, clip: Clip, phases: Float[np.ndarray, " frames"]
-) -> Float[np.ndarray, "frames vertices 3"]:
-    """Give the vertices at shares 0 to 1 of a clip's length, linear between its frames."""
+) -> Float[np.ndarray, "frames joints 4 4"]:
+    """Give each joint's motion since the bind pose at shares 0 to 1 of a clip's length.
+
+    Between frames the matrices are blended, so that vertices move on straight lines.
+    """
     moment = clip.times[0] + phases * (clip.times[-1] - clip.times[0])
     place = np.interp(moment, clip.times, np.arange(len(clip.times)))
     before, after = np.floor(place).astype(np.int64), np.ceil(place).astype(np.int64)
-    local = clip_transforms(clip)
-    world = forward_kinematics(character.skeleton.parents, local)
+    world = forward_kinematics(character.skeleton.parents, clip_transforms(clip))
     motion = world @ character.skin.inverse_bind
     share = (place - before)[:, None, None, None]
-    blended = (1 - share) * motion[before] + share * motion[after]
-    return linear_blend_skinning(character.mesh.vertices, character.skin.weights, blended)
+    return (1 - share) * motion[before] + share * motion[after]
+
+
+def play_at(
+    character: Character, clip: Clip, phases: Float[np.ndarray, " frames"]
+) -> Float[np.ndarray, "frames vertices 3"]:
+    """Give the vertices at shares 0 to 1 of a clip's length, on straight lines between frames."""
+    motion = motion_at(character, clip, phases)
+    return linear_blend_skinning(character.mesh.vertices, character.skin.weights, motion)
+
+
+def bind_joints(character: Character) -> Float[np.ndarray, "joints 3"]:
+    """Give where the joints are in the pose in which the skin was bound, in metres."""
+    return np.linalg.inv(character.skin.inverse_bind)[:, :3, 3].copy()
+
+
+def read_members(paths: Iterable[Path]) -> dict[Path, Member]:
+    """Read the characters that can be read; log which cannot."""
+    members = {}
+    for path in paths:
+        try:
+            members[path] = Member(path, read_character(path))
+        except FormatError as error:
+            logger.info("not a character: %s", error)
+    return members
 
 
 def plain_names(clips: Iterable[Clip]) -> dict[str, Clip]:

@@ -100,11 +100,16 @@ def joint_error(
     return float(100 * np.linalg.norm(joints - truth, axis=-1).mean() / height)
 
 
+def best_turn(vertices: Points, truth: Points) -> Float[np.ndarray, "*frames 3 3"]:
+    """Give the rotation that fits vertices, about their mean, to the truth best (Kabsch)."""
+    centred, goal = (points - points.mean(axis=-2, keepdims=True) for points in (vertices, truth))
+    return nearest_rotation(np.swapaxes(goal, -1, -2) @ centred)
+
+
 def align_rigidly(vertices: Points, truth: Points) -> Points:
-    """Turn and move each frame as a whole so that it fits the truth best (Kabsch)."""
-    centre, goal = vertices.mean(axis=-2, keepdims=True), truth.mean(axis=-2, keepdims=True)
-    covariance = np.einsum("...vi,...vj->...ij", truth - goal, vertices - centre)
-    return np.einsum("...ij,...vj->...vi", nearest_rotation(covariance), vertices - centre) + goal
+    """Turn and move each frame as a whole so that it fits the truth best."""
+    turned = vertices @ np.swapaxes(best_turn(vertices, truth), -1, -2)
+    return turned + (truth - turned).mean(axis=-2, keepdims=True)
 
 
 def rest_pose_error(
@@ -242,19 +247,18 @@ def swaps_sides(
 
 
 def is_turned_back(
-    joints: Float[np.ndarray, "joints 3"],
-    truth: Float[np.ndarray, "joints 3"],
-    parents: Int[np.ndarray, " joints"],
+    bones: Float[np.ndarray, "bones 3"],
+    truth: Float[np.ndarray, "bones 3"],
     forward: Float[np.ndarray, "3"],
 ) -> bool:
     """Tell whether bones that truly point forwards or backwards point the other way instead.
 
     Args:
-        forward: where the true figure looks, unit length; only bones within 45 degrees of its
-            line vote, by their length along it (feet, tails, muzzles).
+        bones: from each bone's joint to its end.
+        truth: the same bones of the true skeleton; those within 45 degrees of the line forwards
+            vote, by their length along it (feet, tails, muzzles).
+        forward: where the true figure looks, unit length.
     """
-    child = np.flatnonzero(parents >= 0)
-    found, expected = (points[child] - points[parents[child]] for points in (joints, truth))
-    depth = expected @ forward
-    votes = np.abs(depth) > np.linalg.norm(expected, axis=-1) * np.sqrt(0.5)
-    return bool((np.sign(depth[votes]) * (found[votes] @ forward)).sum() < 0)
+    depth = truth @ forward
+    votes = np.abs(depth) > np.linalg.norm(truth, axis=-1) * np.sqrt(0.5)
+    return bool((np.sign(depth[votes]) * (bones[votes] @ forward)).sum() < 0)

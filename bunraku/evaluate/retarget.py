@@ -14,20 +14,22 @@ from bunraku.evaluate import metrics
 from bunraku.evaluate.baselines import nearest_vertex, own_rig
 from bunraku.evaluate.families import (
     Member,
+    bind_joints,
     can_teach,
     choose_clips,
     common_clips,
     freeze,
+    motion_at,
     plain_names,
     play_at,
+    read_members,
     rigged_files,
     strip,
 )
 from bunraku.evaluate.results import make_table
-from bunraku.formats import read_character
 from bunraku.routes.from_rig import animate_from_rig
-from bunraku.skinning import clip_transforms, forward_kinematics
-from bunraku.types import Character, Clip, FormatError, Mesh
+from bunraku.skinning import linear_blend_skinning
+from bunraku.types import Character, Clip, Mesh
 
 logger = logging.getLogger(__name__)
 METHODS = ("static", "nearest vertex", "own rig", "ours")
@@ -99,7 +101,7 @@ def find_tasks(
             for target in paths
             if source != target and _is_wanted(f"{family}/{source.stem}>{target.stem}", pairs)
         ]
-        members = _read_members({path for pair in wanted for path in pair})
+        members = read_members(sorted({path for pair in wanted for path in pair}))
         for source, target in wanted:
             if source in members and target in members:
                 yield from _pair_tasks(members[source], members[target], family, clip_count)
@@ -108,17 +110,6 @@ def find_tasks(
 def _is_wanted(name: str, pairs: Sequence[str]) -> bool:
     """Tell whether a pair's name holds one of the wanted parts."""
     return not pairs or any(part.lower() in name.lower() for part in pairs)
-
-
-def _read_members(paths: set[Path]) -> dict[Path, Member]:
-    """Read the characters that can be read; say which cannot."""
-    members = {}
-    for path in sorted(paths):
-        try:
-            members[path] = Member(path, read_character(path))
-        except FormatError as error:
-            logger.info("not a character: %s", error)
-    return members
 
 
 def _pair_tasks(
@@ -209,16 +200,14 @@ def _score_all(
 
 def _joint_error(found: Character, target: Character, frozen: Clip | None) -> float:
     """Compare joint positions in the figure's own pose, by name, where the target has skin."""
+    truth = bind_joints(target)
     if frozen:
-        world = forward_kinematics(target.skeleton.parents, clip_transforms(frozen))
-        truth = world[round((len(world) - 1) / 2)]
-    else:
-        truth = np.linalg.inv(target.skin.inverse_bind)
+        motion = motion_at(target, frozen, np.array([0.5]))[0]
+        truth = linear_blend_skinning(truth, np.eye(len(truth)), motion)
     ours, theirs = _common_joints(found, target)
     heavy = target.skin.weights.sum(axis=0)[theirs] > 2e-4 * len(target.mesh.vertices)
-    joints = np.linalg.inv(found.skin.inverse_bind)[ours[heavy], :3, 3]
     height = metrics.figure_height(target.mesh.vertices)
-    return metrics.joint_error(joints, truth[theirs[heavy], :3, 3], height)
+    return metrics.joint_error(bind_joints(found)[ours[heavy]], truth[theirs[heavy]], height)
 
 
 def _weight_error(found: Character, target: Character) -> float:
