@@ -59,8 +59,7 @@ def read_beside(path: Location, uri: str, *, where: str = "", limit: int = LARGE
     shown = uri if len(uri) <= 60 else uri[:57] + "..."
     forbidden = "\\" in name or ":" in name or not name.isprintable() or name.startswith("/")
     try:
-        beside = (folder / name).resolve()
-        if forbidden or not beside.is_relative_to(folder):
+        if forbidden or not (beside := (folder / name).resolve()).is_relative_to(folder):
             raise FormatError(
                 path, where, f"refers to {shown!r}; only a relative path inside its folder is read"
             )
@@ -80,8 +79,13 @@ def write_atomically(path: Location, content: bytes) -> None:
     Raises:
         FormatError: if it cannot be written; nothing is left behind then.
     """
-    target = Path(os.path.realpath(path))
-    _refuse_target(path, target)
+    try:
+        target = Path(os.path.realpath(path))
+        _refuse_target(path, target)
+    except ValueError as error:
+        if isinstance(error, FormatError):
+            raise
+        raise FormatError(path, "", _writing_trouble(error)) from None
     partial = target.with_name(f".{target.name[:40]}.{secrets.token_hex(6)}")
     try:
         with open(partial, "xb") as stream:

@@ -5,10 +5,11 @@ import logging
 import warnings
 from collections.abc import Sequence
 
+import numpy as np
 from PIL import Image
 
 from bunraku.formats.files import Location, read_beside
-from bunraku.formats.pieces import Material
+from bunraku.formats.pieces import Material, linear_from_srgb
 from bunraku.types import FormatError
 
 LARGEST_LIBRARY, LARGEST_TEXTURE, MOST_PIXELS = 64 << 20, 256 << 20, 64_000_000
@@ -63,13 +64,8 @@ def _material(path: Location, entry: dict[str, str]) -> Material:
         colour = [1.0, 1.0, 1.0]  # exporters write black under a texture and mean the texture
     opacity = (_fractions(entry.get("d", "").removeprefix("-halo")) or [1.0])[0]
     transparency = (_fractions(entry.get("tr", "")) or [1.0 - opacity])[0]
-    red, green, blue = (linear_from_srgb(channel) for channel in (colour * 3)[:3])
+    red, green, blue = linear_from_srgb(np.array((colour * 3)[:3])).tolist()
     return Material(entry["newmtl"], (red, green, blue, 1.0 - transparency), image, image_name)
-
-
-def linear_from_srgb(channel: float) -> float:
-    """Turn a displayed colour, 0 to 1, into a linear one, as glTF stores it (IEC 61966-2-1)."""
-    return channel / 12.92 if channel <= 0.04045 else ((channel + 0.055) / 1.055) ** 2.4
 
 
 def _fractions(words: str) -> list[float]:

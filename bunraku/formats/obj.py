@@ -102,7 +102,7 @@ def _numbers(text: _Lines, where: Int[np.ndarray, " found"], rows: list[list[str
     except ValueError:
         for line, row in zip(where, rows, strict=True):
             if not all(_is_number(word) for word in row):
-                raise text.trouble(line, "wanted numbers with a decimal point") from None
+                raise text.trouble(int(line), "wanted numbers with a decimal point") from None
         raise
 
 
@@ -142,9 +142,9 @@ def _read_positions(
     coloured = counts >= 6
     colours = np.ones((len(where), 3))
     first = (starts + np.where(counts == 7, 4, 3))[coloured]
-    colours[coloured] = numbers[first[:, None] + np.arange(3)]
-    colours = colours / (255.0 if colours.max() > 1 else 1.0)
-    return positions, np.clip(np.nan_to_num(colours), 0.0, 1.0)
+    given = np.nan_to_num(numbers[first[:, None] + np.arange(3)], posinf=0.0)
+    colours[coloured] = np.clip(given / (255.0 if given.max() > 1 else 1.0), 0.0, 1.0)
+    return positions, colours
 
 
 def _read_columns(text: _Lines, kind: int, width: int) -> Float[np.ndarray, "rows width"]:
@@ -190,21 +190,22 @@ def _corner_numbers(
 ) -> Int[np.ndarray, "corners 3"]:
     """Split words such as 7/2/5, 7//5, 7/2 and 7; 0 stands for what is not given."""
     slashes = {word.count("/") for word in words}
-    try:
-        if slashes in ({0}, {1}, {2}):
-            filled = " ".join(words).replace("//", "/0/").replace("/", " ").split()
-            width = slashes.pop() + 1
+    if len(slashes) == 1 and max(slashes) <= 2:
+        filled = " ".join(words).replace("//", "/0/").replace("/", " ").split()
+        width = max(slashes) + 1
+        try:
             numbers = np.fromiter(map(int, filled), np.int64, len(words) * width)
             return np.pad(numbers.reshape(-1, width), ((0, 0), (0, 3 - width)))
-        return np.array([_corner(word) for word in words], np.int64)
-    except (ValueError, OverflowError):
-        pass
-    for line, word in zip(line_of, words, strict=True):
-        try:
-            np.array(_corner(word), np.int64)
         except (ValueError, OverflowError):
-            raise text.trouble(int(line), "wanted whole numbers such as 7/2/5") from None
-    raise AssertionError("some corner is wrong")
+            logger.debug("corners are written unevenly; they are read one by one")
+    corners = np.zeros((len(words), 3), np.int64)
+    for place, word in enumerate(words):
+        try:
+            corners[place] = _corner(word)
+        except (ValueError, OverflowError):
+            message = "wanted whole numbers such as 7/2/5"
+            raise text.trouble(int(line_of[place]), message) from None
+    return corners
 
 
 def _corner(word: str) -> list[int]:

@@ -41,6 +41,11 @@ def turn_piece(piece: Piece, rotation: Float[np.ndarray, "3 3"]) -> Piece:
     return replace(piece, positions=piece.positions @ rotation.T, normals=normals)
 
 
+def linear_from_srgb(colours: Float[np.ndarray, "*colours"]) -> Float[np.ndarray, "*colours"]:
+    """Turn colours as displayed, 0 to 1, into linear ones, as glTF has them (IEC 61966-2-1)."""
+    return np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
+
+
 def encode_pieces(pieces: Sequence[Piece], materials: Sequence[Material] = ()) -> bytes:
     """Write pieces as a GLB of static meshes, one a piece, in their order."""
     binary = _Binary()
@@ -98,11 +103,14 @@ class _Binary:
 def _primitive(piece: Piece, binary: _Binary) -> dict[str, object]:
     """Store a piece's arrays; give its glTF primitive."""
     uvs = None if piece.uvs is None else piece.uvs * [1, -1] + [0, 1]
+    colours = piece.colours
+    if colours is not None:
+        colours = np.column_stack([linear_from_srgb(colours[:, :3]), colours[:, 3:]])
     arrays = {
         "POSITION": piece.positions,
-        "NORMAL": piece.normals,
+        "NORMAL": _unit_normals(piece),
         "TEXCOORD_0": uvs,
-        "COLOR_0": piece.colours,
+        "COLOR_0": colours,
     }
     primitive: dict[str, object] = {
         "attributes": {
@@ -116,6 +124,14 @@ def _primitive(piece: Piece, binary: _Binary) -> dict[str, object]:
         corners = piece.faces.reshape(-1).astype(np.uint32)
         primitive["indices"] = binary.add_array(corners, INDEX_TARGET)
     return primitive | ({"material": piece.material} if piece.material >= 0 else {})
+
+
+def _unit_normals(piece: Piece) -> Float[np.ndarray, "vertices 3"] | None:
+    """Scale normals to length 1, as glTF wants them; leave them out if one has no direction."""
+    if piece.normals is None or not np.isfinite(piece.normals).all():
+        return None
+    lengths = np.linalg.norm(piece.normals, axis=1, keepdims=True)
+    return piece.normals / lengths if (lengths > 1e-6).all() else None
 
 
 def _looks(materials: Sequence[Material], binary: _Binary) -> dict[str, object]:

@@ -1,0 +1,99 @@
+import logging
+
+import numpy as np
+import pytest
+import trimesh
+
+from bunraku.formats import meshes
+from bunraku.formats.meshes import encode_obj, encode_ply, merge_pieces, read_pieces
+from bunraku.formats.pieces import Piece
+from bunraku.types import FormatError, Mesh
+
+HEADER = "ply\nformat ascii 1.0\nelement vertex 4\n"
+XYZ = "property float x\nproperty float y\nproperty float z\n"
+COLOUR = "property uchar red\nproperty uchar green\nproperty uchar blue\n"
+FACE = "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+QUAD = "0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n"
+
+
+def read_one(content, kind):
+    pieces, _ = read_pieces(f"a.{kind}", content, kind)
+    (piece,) = pieces
+    return piece
+
+
+def exported(mesh, kind, **options):
+    content = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).export(
+        file_type=kind, **options
+    )
+    return content.encode() if isinstance(content, str) else content
+
+
+@pytest.mark.parametrize("kind", ["obj", "ply", "off"])
+def test_files_of_another_program_keep_order(cube, kind):
+    piece = read_one(exported(cube, kind), kind)
+    np.testing.assert_allclose(piece.positions, cube.vertices, atol=1e-6)
+    np.testing.assert_array_equal(piece.faces, cube.faces)
+
+
+@pytest.mark.parametrize("kind", ["stl", "stl_ascii"])
+def test_stl_is_as_stored_three_vertices_a_face(cube, kind):
+    piece = read_one(exported(cube, kind), "stl")
+    np.testing.assert_allclose(piece.positions, cube.vertices[cube.faces].reshape(-1, 3))
+    np.testing.assert_array_equal(piece.faces, np.arange(36).reshape(-1, 3))
+
+
+@pytest.mark.parametrize(("encode", "kind"), [(encode_obj, "obj"), (encode_ply, "ply")])
+def test_what_is_written_is_read_here_and_elsewhere(cube, rng, encode, kind):
+    mesh = Mesh(cube.vertices + rng.normal(size=(8, 3)), cube.faces)
+    piece = read_one(encode(mesh), kind)
+    np.testing.assert_allclose(piece.positions, mesh.vertices, rtol=1e-6)
+    np.testing.assert_array_equal(piece.faces, mesh.faces)
+    other = trimesh.load(trimesh.util.wrap_as_stream(encode(mesh)), file_type=kind, process=False)
+    np.testing.assert_allclose(other.vertices, mesh.vertices, rtol=1e-6)
+
+
+def test_a_ply_without_faces_is_a_point_cloud(cube, caplog):
+    cloud = Mesh(cube.vertices, np.empty((0, 3), np.int64))
+    with caplog.at_level(logging.WARNING):
+        piece = read_one(encode_ply(cloud), "ply")
+    assert piece.faces.shape == (0, 3)
+    np.testing.assert_array_equal(piece.positions, cube.vertices)
+    assert "has no faces; it is taken as a point cloud" in caplog.text
+
+
+def test_quads_and_colours_of_a_ply():
+    text = HEADER + XYZ + COLOUR + FACE + QUAD.replace("0\n", "0 255 0 0\n", 4)
+    piece = read_one(text.encode(), "ply")
+    assert piece.faces.tolist() == [[0, 1, 2], [0, 2, 3]]
+    np.testing.assert_array_equal(piece.colours[:, :3], np.tile([1, 0, 0], (4, 1)))
+
+
+def test_pieces_merge_with_their_faces_shifted(cube):
+    piece = Piece("a", cube.vertices, cube.faces)
+    mesh = merge_pieces([piece, piece])
+    np.testing.assert_array_equal(mesh.faces[12:], cube.faces + 8)
+    np.testing.assert_array_equal(mesh.vertices[8:], cube.vertices)
+
+
+@pytest.mark.parametrize(
+    ("content", "kind", "message"),
+    [
+        (HEADER + XYZ + FACE + QUAD.replace("4 0 1 2 3", "4 0 1 2 9"), "ply", "4 vertices"),
+        (HEADER + XYZ + FACE + QUAD.replace("4 0 1 2 3", "3 0 1 -1"), "ply", r"face 0: is \[0, 1"),
+        (HEADER + XYZ + FACE + QUAD.replace("1 1 0", "1 nan 0"), "ply", "vertex 2: is"),
+        (HEADER + XYZ + FACE + QUAD.replace("1 1 0", "1 1"), "ply", "is a damaged PLY file"),
+        ("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3", "obj", "has faces, but no area"),
+        ("v 0 0 0\nv 1 0 0\nv 0 1e300 0\nf 1 2 3", "obj", "vertex 2: is"),
+        ("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 7\n", "off", "face 0|damaged OFF"),
+    ],
+)
+def test_geometry_that_means_nothing_is_refused(content, kind, message):
+    with pytest.raises(FormatError, match=message):
+        read_pieces(f"a.{kind}", content.encode(), kind)
+
+
+def test_too_many_vertices_are_refused(cube, monkeypatch):
+    monkeypatch.setattr(meshes, "MOST_VERTICES", 7)
+    with pytest.raises(FormatError, match="has 8 vertices, at most 7; decimate it"):
+        read_pieces("a.obj", encode_obj(cube), "obj")
