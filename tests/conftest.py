@@ -5,6 +5,7 @@ import jaxtyping
 import numpy as np
 import pytest
 
+from bunraku.registration.body import Body, wrap_character
 from bunraku.skinning import forward_kinematics
 from bunraku.types import Character, Mesh, Skeleton, Skin
 from tests.creatures import make_creature
@@ -61,3 +62,9 @@ def cube() -> Mesh:
 def creature() -> Character:
     """The smallest whole character: 1.1 m high, 3,300 vertices, seven joints, one clip "Wave"."""
     return make_creature()
+
+
+@pytest.fixture(scope="session")
+def body(creature: Character) -> Body:
+    """The creature wrapped in its proxy."""
+    return wrap_character(creature)

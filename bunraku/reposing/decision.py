@@ -59,9 +59,10 @@ def repose(
     turns = heading.T @ turns
     posed, share = believe_turns(body, turns, misfit=misfit)
     turns = scale_turns(turns, carriers, share)
-    undo = local_turns(np.swapaxes(heading @ turns, 1, 2), carriers)
+    undo = local_turns(np.swapaxes(turns, 1, 2), carriers)
     root = joints[parents_first(carriers)[0]]
-    places, _ = place_joints(joints - root, carriers, undo, root)
+    ahead = (joints - root) @ heading  # all of it, other roots included, to the source's front
+    places, _ = place_joints(ahead, carriers, undo, root)
     return Reposed(joints, turns, heading, places, posed)
 
 
@@ -91,8 +92,8 @@ def believe_turns(
     puppet = body.puppet
     mass = puppet.areas @ puppet.weights
     mean = float(mass @ rotation_angles(turns[puppet.joints]) / mass.sum())
-    bar = np.deg2rad(5.0 + 20.0 * np.clip((misfit - 0.12) / 0.08, 0.0, 1.0))
-    posed = float(smooth_step(mean, 0.8 * bar, 1.2 * bar))
+    bar = np.deg2rad(15.0 + 10.0 * np.clip((misfit - 0.12) / 0.06, 0.0, 1.0))
+    posed = smooth_step(mean, 0.85 * bar, 1.15 * bar)
     moved = displacement(body, turns)
     share = np.full(len(turns), posed)
     below = descendants(body.carriers)
@@ -101,7 +102,7 @@ def believe_turns(
         weight = mass * carried
         if weight.sum() > 0.02 * mass.sum():
             reach = float(weight @ moved / weight.sum())
-            believed = float(smooth_step(reach, 0.08, 0.14))
+            believed = smooth_step(reach, 0.08, 0.14)
             share[below[limb]] = np.maximum(share[below[limb]], believed)
     return posed, share
 

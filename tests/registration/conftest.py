@@ -1,7 +1,6 @@
 import pytest
 
 from bunraku.meshes import scale_to_unit_area
-from bunraku.registration.body import Body, wrap_character
 from bunraku.registration.puppet import Pose, Puppet, make_puppet
 from bunraku.rotations import vectors_to_matrices
 from bunraku.skinning import forward_kinematics
@@ -23,11 +22,6 @@ def puppet_of(character: Character) -> Puppet:
 @pytest.fixture(scope="session")
 def puppet(creature) -> Puppet:
     return puppet_of(creature)
-
-
-@pytest.fixture(scope="session")
-def body(creature) -> Body:
-    return wrap_character(creature)
 
 
 @pytest.fixture

@@ -1,0 +1,177 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from bunraku.reposing.decision import (
+    believe_turns,
+    displacement,
+    limbs,
+    off_symmetry,
+    repose,
+    scale_turns,
+    smooth_step,
+    vertical_turn,
+)
+from bunraku.reposing.energy import local_turns, place_joints
+from bunraku.rotations import rotation_angles
+from tests.creatures import JOINTS, NAMES, PARENTS, pose_of
+
+STILL = np.zeros(3)
+SMALL = {"leftArm": (0.0, 0.0, 4.0), "head": (3.0, 0.0, 0.0)}
+LARGE = {
+    "chest": (0.0, 30.0, 0.0),
+    "leftArm": (0.0, 0.0, 60.0),
+    "rightArm": (0.0, 40.0, 0.0),
+    "leftLeg": (-50.0, 0.0, 0.0),
+    "rightLeg": (30.0, 0.0, 0.0),
+}
+ONE_ARM = {"leftArm": (0.0, 0.0, 60.0)}
+
+
+def turn(axis: str, degrees: float) -> np.ndarray:
+    return Rotation.from_euler(axis, degrees, degrees=True).as_matrix()
+
+
+def degrees(turns: np.ndarray) -> np.ndarray:
+    return np.rad2deg(rotation_angles(turns))
+
+
+def world_turns(angles: dict[str, tuple[float, float, float]]) -> np.ndarray:
+    return place_joints(JOINTS, PARENTS, pose_of(angles), STILL)[1]
+
+
+def test_a_heading_is_the_turn_about_the_vertical():
+    found = vertical_turn(turn("y", 130) @ turn("x", 20))
+    np.testing.assert_allclose(found[:, 1], [0, 1, 0], atol=1e-12)
+    assert degrees(turn("y", -130) @ found) < 4
+
+
+@pytest.mark.parametrize(("found", "expected"), [(5, 0), (100, 90), (-95, -90), (170, 180)])
+def test_a_heading_near_a_quarter_turn_is_that_quarter_turn(found, expected):
+    difference = turn("y", -expected) @ vertical_turn(turn("y", found))
+    assert degrees(difference) < 1e-6
+
+
+def test_between_quarter_turns_the_heading_is_kept():
+    np.testing.assert_allclose(vertical_turn(turn("y", 45)), turn("y", 45), atol=1e-12)
+
+
+def test_a_smooth_step_rises_from_nought_to_one():
+    values = [smooth_step(value, 2.0, 4.0) for value in (-1.0, 2.0, 2.5, 3.0, 3.5, 4.0, 9.0)]
+    np.testing.assert_allclose(values, [0, 0, 0.15625, 0.5, 0.84375, 1, 1])
+
+
+def test_a_share_of_each_joints_own_turn_is_kept():
+    local = pose_of({"chest": (0.0, 40.0, 0.0), "head": (20.0, 0.0, 0.0)})
+    _, world = place_joints(JOINTS, PARENTS, local, STILL)
+    share = np.array([1.0, 0.5, 0.0, 1.0, 1.0, 1.0, 1.0])
+    kept = local_turns(scale_turns(world, PARENTS, share), PARENTS)
+    np.testing.assert_allclose(kept, pose_of({"chest": (0.0, 20.0, 0.0)}), atol=1e-9)
+
+
+def test_all_or_nothing_of_a_turn_is_kept_exactly():
+    world = world_turns(LARGE)
+    np.testing.assert_allclose(scale_turns(world, PARENTS, np.ones(7)), world, atol=1e-9)
+    still = scale_turns(world, PARENTS, np.zeros(7))
+    np.testing.assert_allclose(still, np.tile(np.eye(3), (7, 1, 1)), atol=1e-9)
+
+
+def test_arms_and_legs_lie_off_the_plane_of_symmetry(body):
+    expected = [name.startswith(("left", "right")) for name in NAMES]
+    vertices = body.proxy.mesh.vertices
+    np.testing.assert_array_equal(off_symmetry(JOINTS, vertices), expected)
+    assert [NAMES[limb] for limb in limbs(body)] == ["leftArm", "rightArm", "leftLeg", "rightLeg"]
+
+
+def test_the_plane_of_symmetry_is_found_whichever_way_the_source_faces(body):
+    left = turn("y", 90)
+    off = off_symmetry(JOINTS @ left.T, body.proxy.mesh.vertices @ left.T)
+    np.testing.assert_array_equal(off, off_symmetry(JOINTS, body.proxy.mesh.vertices))
+
+
+def test_displacement_agrees_with_turning_the_surface_of_one_arm(body):
+    moved = displacement(body, world_turns(ONE_ARM))
+    puppet = body.puppet
+    arm = int(np.flatnonzero(puppet.joints == NAMES.index("leftArm"))[0])
+    weight = puppet.areas * puppet.weights[:, arm]
+    offset = puppet.vertices - puppet.anchors[arm]
+    gone = puppet.weights[:, arm, None] * (offset @ (turn("z", 60) - np.eye(3)).T)
+    expected = weight @ np.linalg.norm(gone, axis=1) / weight.sum()
+    assert np.isclose(moved[arm], expected)
+    others = np.delete(moved, arm)
+    assert others.max() < 0.1 * moved[arm]
+
+
+def test_a_figure_at_rest_is_not_posed(body):
+    posed, share = believe_turns(body, world_turns(SMALL), misfit=0.05)
+    assert posed == 0.0 and not share.any()
+
+
+def test_a_figure_in_motion_is_posed(body):
+    posed, share = believe_turns(body, world_turns(LARGE), misfit=0.05)
+    assert posed == 1.0 and (share == 1.0).all()
+
+
+def test_one_raised_arm_is_the_pose_of_that_arm_alone(body):
+    _, share = believe_turns(body, world_turns(ONE_ARM), misfit=0.2)
+    assert share[NAMES.index("leftArm")] == 1.0
+    assert share[NAMES.index("rightArm")] < 0.2 and share[NAMES.index("head")] < 0.2
+
+
+def test_a_poor_fit_makes_turns_less_believed(body):
+    turns = world_turns({name: (0.0, 12.0, 0.0) for name in ("chest", "head")})
+    shares = [believe_turns(body, turns, misfit=misfit)[0] for misfit in (0.05, 0.15, 0.3)]
+    assert shares[0] >= shares[1] >= shares[2] and shares[0] > shares[2]
+
+
+def test_reposing_undoes_heading_and_pose(body):
+    heading, surface = turn("y", 90), world_turns(LARGE)
+    posed, _ = place_joints(JOINTS, PARENTS, pose_of(LARGE), STILL)
+    joints = posed @ heading.T
+    found = repose(joints, body, heading @ surface, np.ones(7), misfit=0.05)
+    np.testing.assert_allclose(found.heading, heading, atol=1e-9)
+    assert found.posed == 1.0
+    assert degrees(np.swapaxes(surface, 1, 2) @ found.turns).max() < 5
+    back = found.places - found.places[0] + JOINTS[0]
+    assert np.linalg.norm(back - JOINTS, axis=1).max() < 0.02
+    np.testing.assert_array_equal(found.found, joints)
+
+
+def test_reposing_a_figure_at_rest_changes_nothing(body):
+    still = np.tile(np.eye(3), (7, 1, 1))
+    found = repose(JOINTS, body, still, np.ones(7), misfit=0.05)
+    np.testing.assert_allclose(found.turns, still, atol=1e-9)
+    np.testing.assert_allclose(found.heading, np.eye(3), atol=1e-9)
+    np.testing.assert_allclose(found.places, JOINTS, atol=1e-9)
+
+
+def test_what_is_taken_for_shape_stays_in_the_places(body):
+    """A figure with lower arms at rest keeps them low: clips add to its own rest."""
+    posed, _ = place_joints(JOINTS, PARENTS, pose_of(SMALL), STILL)
+    found = repose(posed, body, world_turns(SMALL), np.ones(7), misfit=0.15)
+    assert found.posed == 0.0
+    np.testing.assert_allclose(found.places, posed, atol=1e-9)
+
+
+def test_a_lone_root_stored_first_turns_with_the_figure(body):
+    """An exporter's bone beside the figure: the way to rest and back keeps all roots together."""
+    aside = np.array([0.6, 0.0, 0.3])
+    rest = np.vstack([aside, JOINTS])
+    parents = np.append(-1, np.where(PARENTS < 0, -1, PARENTS + 1))
+    puppet = replace(body.puppet, joints=body.puppet.joints + 1)
+    wider = replace(
+        body,
+        joints=rest,
+        parents=parents,
+        carriers=parents,
+        puppet=puppet,
+        weights=np.insert(body.weights, 0, 0.0, axis=1),
+        moments=np.empty((0, 8, 3, 3)),
+    )
+    heading = turn("y", 90)
+    surface = np.tile(heading, (8, 1, 1))
+    found = repose(rest @ heading.T, wider, surface, np.append(0.0, np.ones(7)), misfit=0.05)
+    np.testing.assert_allclose(found.heading, heading, atol=1e-9)
+    np.testing.assert_allclose(found.places - found.places[1], rest - rest[1], atol=1e-6)
