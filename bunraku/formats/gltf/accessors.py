@@ -3,7 +3,7 @@
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, Shaped
 
 from bunraku.formats.gltf.document import Document
 from bunraku.formats.gltf.schema import COMPONENTS, WIDTHS
@@ -37,7 +37,7 @@ def read_integers(document: Document, index: int, width: int) -> Int[np.ndarray,
     return values.astype(np.int64)
 
 
-def _read(document: Document, index: int, width: int) -> np.ndarray[Any, Any]:
+def _read(document: Document, index: int, width: int) -> Shaped[np.ndarray, "..."]:
     """Gather the elements of an accessor in its own component type."""
     accessor = document.gltf.accessors[index]
     if WIDTHS[accessor.type] != width or accessor.type in ("MAT2", "MAT3"):
@@ -58,7 +58,9 @@ def _read(document: Document, index: int, width: int) -> np.ndarray[Any, Any]:
     return values if accessor.sparse is None else _overlay(document, index, values)
 
 
-def _overlay(document: Document, index: int, values: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+def _overlay(
+    document: Document, index: int, values: Shaped[np.ndarray, "..."]
+) -> Shaped[np.ndarray, "..."]:
     """Replace the elements that a sparse accessor lists."""
     sparse, width = document.gltf.accessors[index].sparse, values.shape[1]
     assert sparse is not None
@@ -73,7 +75,7 @@ def _overlay(document: Document, index: int, values: np.ndarray[Any, Any]) -> np
     return result
 
 
-def _slice(document: Document, part: Any, kind: np.dtype[Any]) -> np.ndarray[Any, Any]:
+def _slice(document: Document, part: Any, kind: np.dtype[Any]) -> Shaped[np.ndarray, "..."]:
     """Read numbers from a place in a buffer view to the view's end."""
     view = document.gltf.buffer_views[part.buffer_view]
     count = (view.byte_length - part.byte_offset) // kind.itemsize

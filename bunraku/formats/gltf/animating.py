@@ -3,7 +3,7 @@
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Shaped
 
 from bunraku.formats.gltf.draft import Draft
 from bunraku.rotations import decompose_transforms, matrices_to_quaternions
@@ -45,14 +45,14 @@ def add_clip(draft: Draft, clip: Clip, skeleton: Skeleton, *, joints: list[int])
     draft.append("animations", animation)
 
 
-def _rising(times: Float[np.ndarray, " frames"]) -> np.ndarray[Any, Any]:
+def _rising(times: Float[np.ndarray, " frames"]) -> Shaped[np.ndarray, "..."]:
     """Choose the frames whose times still differ in float32."""
     single = (times - min(times[0], 0.0)).astype(np.float32)
     return np.flatnonzero(np.concatenate([[True], np.diff(np.maximum.accumulate(single)) > 0]))
 
 
 def _split_tracks(
-    clip: Clip, skeleton: Skeleton, frames: np.ndarray[Any, Any]
+    clip: Clip, skeleton: Skeleton, frames: Shaped[np.ndarray, "..."]
 ) -> tuple[list[tuple[int, str, Any]], list[tuple[int, str, Any]]]:
     """Sort a clip's tracks into those that move and those that stand still, away from rest."""
     translations, rotations, scales = decompose_transforms(skeleton.rest)

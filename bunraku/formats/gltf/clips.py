@@ -32,6 +32,8 @@ from bunraku.types import NO_PARENT, Clip
 SIMILAR = 1e-4  # how far from uniform a scale may be: files carry as much rounding as that
 Samples = dict[tuple[int, str], Values]
 Matrices = Float[np.ndarray, "joints 4 4"]
+Vectors = Float[np.ndarray, "frames joints 3"]
+Quaternions = Float[np.ndarray, "frames joints 4"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +92,7 @@ def _bends(track: Track, between: set[int]) -> bool:
 
 def _move_joints(
     tree: Tree, frames: Frames, samples: Samples, *, count: int
-) -> tuple[Float[np.ndarray, "frames joints 3"], ...]:
+) -> tuple[Vectors, Quaternions, Vectors]:
     """Give translation, rotation and scale of each joint in its parent joint's frame."""
     translations, rotations, scales = (
         np.tile(rest[list(frames.nodes)], (count, 1, 1))
@@ -126,12 +128,8 @@ def _is_simple(frames: Frames) -> Bool[np.ndarray, " joints"]:
 
 
 def _move_simply(
-    frames: Frames,
-    translations: Float[np.ndarray, "frames joints 3"],
-    rotations: Float[np.ndarray, "frames joints 4"],
-    *,
-    scales: Float[np.ndarray, "frames joints 3"],
-) -> tuple[Float[np.ndarray, "frames joints 3"], ...]:
+    frames: Frames, translations: Vectors, rotations: Quaternions, *, scales: Vectors
+) -> tuple[Vectors, Quaternions, Vectors]:
     """Turn the three parts by the similarity above each joint."""
     linear, offset = frames.parent_from_chain[:, :3, :3], frames.parent_from_chain[:, :3, 3]
     ratio = np.cbrt(np.linalg.det(linear)) * frames.node_from_joint[:, 0, 0]
@@ -147,7 +145,9 @@ def _move_simply(
 
 def _move_through(
     tree: Tree, frames: Frames, joint: int, *, samples: Samples, count: int
-) -> tuple[Float[np.ndarray, "frames width"], ...]:
+) -> tuple[
+    Float[np.ndarray, "frames 3"], Float[np.ndarray, "frames 4"], Float[np.ndarray, "frames 3"]
+]:
     """Multiply the chain above a joint out, frame by frame; shear, if any, is dropped."""
     parent = frames.parents[joint]
     matrices = np.tile(np.eye(4), (count, 1, 1))

@@ -22,6 +22,7 @@ from bunraku.types import FormatError
 logger = logging.getLogger(__name__)
 
 MAGIC, JSON_CHUNK, BINARY_CHUNK = b"glTF", 0x4E4F534A, 0x004E4942
+BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 COMPRESSED = {
     "KHR_draco_mesh_compression": "Draco",
     "EXT_meshopt_compression": "meshopt",
@@ -82,7 +83,7 @@ def read_document(path: Location, content: bytes | None = None) -> Document:
 def split_container(path: str, content: bytes) -> tuple[bytes, memoryview | None]:
     """Split a file into its JSON and, for a GLB that has one, its binary chunk."""
     if not content.startswith(MAGIC):
-        text = content.removeprefix(b"\xef\xbb\xbf")
+        text = content.removeprefix(BYTE_ORDER_MARK)
         if text.lstrip()[:1] != b"{":
             raise FormatError(path, "", "is neither a GLB nor a glTF JSON document")
         return text, None
@@ -168,6 +169,8 @@ def _announce_oddities(document: Document, content: bytes) -> None:
     for name in document.gltf.extensions_required:
         if not name.startswith(HARMLESS) and name != "KHR_mesh_quantization":
             document.warn(f"required extension {name[:60]} is kept, but not understood")
+    if content.startswith(BYTE_ORDER_MARK):
+        document.warn("begins with a byte order mark, which glTF forbids; it is ignored")
     if content.startswith(MAGIC):
         extra = len(content) - int.from_bytes(content[8:12], "little")
         if extra:

@@ -6,6 +6,7 @@ from typing import Any
 
 import msgspec
 import numpy as np
+from jaxtyping import Shaped
 
 from bunraku.formats.gltf.document import BINARY_CHUNK, JSON_CHUNK, MAGIC, Document
 from bunraku.formats.gltf.schema import COMPONENTS
@@ -42,7 +43,7 @@ class Draft:
         self.binary.extend(content)
         return self.append("bufferViews", view | properties)
 
-    def add_array(self, array: np.ndarray[Any, Any], kind: str, **target: int) -> int:
+    def add_array(self, array: Shaped[np.ndarray, "..."], kind: str, **target: int) -> int:
         """Add an accessor with a buffer view of its own; return its index.
 
         Args:
@@ -52,7 +53,9 @@ class Draft:
         """
         return self.add_arrays([array], kind, **target)[0]
 
-    def add_arrays(self, arrays: list[np.ndarray[Any, Any]], kind: str, **target: int) -> list[int]:
+    def add_arrays(
+        self, arrays: list[Shaped[np.ndarray, "..."]], kind: str, **target: int
+    ) -> list[int]:
         """Add accessors of one type that lie behind each other in one buffer view."""
         view = self.add_bytes(b"".join(np.ascontiguousarray(a).tobytes() for a in arrays), **target)
         indices, offset = [], 0
@@ -65,7 +68,7 @@ class Draft:
             offset += array.nbytes
         return indices
 
-    def add_bounds(self, accessor: int, array: np.ndarray[Any, Any]) -> None:
+    def add_bounds(self, accessor: int, array: Shaped[np.ndarray, "..."]) -> None:
         """State the smallest and largest value of each component of an accessor."""
         columns = array.reshape(len(array), -1)
         item = self.json["accessors"][accessor]

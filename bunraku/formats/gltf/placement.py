@@ -21,7 +21,7 @@ from bunraku.rotations import (
 )
 
 AGREED_ANGLE, CLEAN_ANGLE, ALIKE_ANGLE = np.radians((5.0, 6.0, 15.0))
-SAME_SCALE, NEAR, MAJORITY = 0.01, 0.25, 0.5
+SAME_SCALE, MAJORITY = 0.01, 0.5
 CLEAR_VOTE = 0.5  # of 4, the difference in trace between opposite headings
 
 
@@ -49,7 +49,7 @@ def agree_on_placement(
     moved = np.einsum("jrc,jc->jr", opinions[:, :3, :3], points) + opinions[:, :3, 3]
     heaviest = opinions[int(mass.argmax())]
     expected = points @ heaviest[:3, :3].T + heaviest[:3, 3]
-    size = max(float(np.ptp(expected, axis=0).max()), float(np.abs(heaviest[:3, :3]).max()), 1e-12)
+    size = max(float(np.ptp(expected, axis=0).max()), 1e-12)
     linear_gap = np.abs(opinions - heaviest)[:, :3, :3].max() / np.abs(heaviest[:3, :3]).max()
     if linear_gap < 1e-3 and np.abs(moved - expected).max() < 1e-3 * size:
         return heaviest
@@ -60,7 +60,7 @@ def agree_on_placement(
     offset = np.array([_weighted_median(axis[friends], mass[friends]) for axis in offsets.T])
     agreed = compose_transforms(offset, rotation, np.full(3, scale))
     share = float(mass[friends].sum() / mass.sum())
-    if recorded is not None and _is_credible(recorded, agreed, share=share, size=size):
+    if recorded is not None and _is_credible(recorded, agreed, share=share):
         return _turn_to_heading(recorded, rotations, mass)
     return agreed
 
@@ -83,20 +83,20 @@ def _turn_to_heading(
 
 
 def _is_credible(
-    recorded: Float[np.ndarray, "4 4"],
-    agreed: Float[np.ndarray, "4 4"],
-    *,
-    share: float,
-    size: float,
+    recorded: Float[np.ndarray, "4 4"], agreed: Float[np.ndarray, "4 4"], *, share: float
 ) -> bool:
-    """Tell whether a mesh node's transform has the joints' scale and they do not outvote it."""
+    """Tell whether a mesh node's transform has the joints' scale and they do not outvote it.
+
+    A pose turns joints by any angle; axes that were mixed up turn most of them by quarters.
+    """
     _, rotation, scale = decompose_transforms(recorded)
     _, voted, wanted = decompose_transforms(agreed)
-    if np.abs(scale / wanted - 1).max() > SAME_SCALE:
+    if float(np.abs(scale / wanted - 1).max()) > SAME_SCALE:
         return False
-    is_near = float(np.abs(recorded - agreed)[:3, 3].max()) < NEAR * size
-    is_turned_alike = float(rotation_angles(rotation.T @ voted)) < ALIKE_ANGLE
-    return share < MAJORITY or (is_near and is_turned_alike)
+    turn = rotation.T @ voted
+    is_alike = float(rotation_angles(turn)) < ALIKE_ANGLE
+    is_quarter = float(rotation_angles(_nearest_clean(turn).T @ turn)) < CLEAN_ANGLE
+    return bool(share < MAJORITY or is_alike or not is_quarter)
 
 
 def _shared_rotation(
@@ -107,20 +107,20 @@ def _shared_rotation(
     is_close = trace > 1 + 2 * np.cos(AGREED_ANGLE)
     friends = is_close[int((is_close @ mass).argmax())] & (mass > 0)
     mean = nearest_rotation(np.einsum("j,jrc->rc", mass[friends], rotations[friends]))
-    clean = _axis_rotations()
-    nearest = clean[np.einsum("krc,rc->k", clean, mean).argmax()]
+    nearest = _nearest_clean(mean)
     is_clean = float(rotation_angles(nearest.T @ mean)) < CLEAN_ANGLE
     return (nearest if is_clean else mean), friends
 
 
-def _axis_rotations() -> Float[np.ndarray, "24 3 3"]:
-    """List the rotations that map the axes onto each other."""
+def _nearest_clean(rotation: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
+    """Find the nearest of the 24 rotations that map the axes onto each other."""
     matrices = [
         np.eye(3)[list(order)] * signs
         for order in permutations(range(3))
         for signs in product((1.0, -1.0), repeat=3)
     ]
-    return np.array([matrix for matrix in matrices if np.linalg.det(matrix) > 0])
+    clean = np.array([matrix for matrix in matrices if np.linalg.det(matrix) > 0])
+    return clean[np.einsum("krc,rc->k", clean, rotation).argmax()]
 
 
 def _weighted_median(values: Float[np.ndarray, " n"], mass: Float[np.ndarray, " n"]) -> float:

@@ -81,10 +81,8 @@ def _read_times(document: Document, accessor: int) -> Times:
 def _read_track(document: Document, channel: Channel, sampler: Sampler, times: Times) -> Track:
     path, node = channel.target.path, channel.target.node
     assert node is not None
-    values, where = (
-        read_floats(document, sampler.output, WIDTHS[path]),
-        f"/accessors/{sampler.output}",
-    )
+    where = f"/accessors/{sampler.output}"
+    values = read_floats(document, sampler.output, WIDTHS[path])
     is_spline = sampler.interpolation == "CUBICSPLINE"
     if len(values) != len(times) * (3 if is_spline else 1):
         message = f"{len(values)} values for {len(times)} key times ({sampler.interpolation})"
@@ -92,20 +90,24 @@ def _read_track(document: Document, channel: Channel, sampler: Sampler, times: T
     if not np.isfinite(values).all():
         raise document.fault(where, "animation values are NaN or infinite; export the clip again")
     keys = values[1::3] if is_spline else values
-    if path == "rotation" and (np.einsum("kc,kc->k", keys, keys) < 1e-12).any():
-        raise document.fault(where, "a key is a zero quaternion; export the clip again")
-    is_constant = _is_constant(values, keys, sampler.interpolation)
+    if path == "rotation":
+        lengths = np.einsum("kc,kc->k", keys, keys)
+        if lengths.min() < 1e-12:
+            raise document.fault(where, "a key is a zero quaternion; export the clip again")
+        if not 0.98 < lengths.min() <= lengths.max() < 1.02:
+            document.warn(f"{where}: rotations were not unit quaternions and were normalised")
+    is_constant = _is_constant(values, sampler.interpolation)
     return Track(node, path, sampler.interpolation, times, values, is_constant)
 
 
-def _is_constant(values: Values, keys: Values, interpolation: str) -> bool:
+def _is_constant(values: Float[np.ndarray, "rows width"], interpolation: str) -> bool:
     """Tell whether keys do not differ; exporters' constants come as STEP, with rounding noise."""
     if interpolation == "LINEAR":
-        return bool((keys == keys[0]).all())
+        return bool((values == values[0]).all())
     if interpolation == "STEP":
-        return float(np.ptp(keys, axis=0).max()) <= 1e-4 * float(np.abs(keys).max())
-    tangents = np.concatenate([values[0::3], values[2::3]])
-    return bool((keys == keys[0]).all()) and not tangents.any()
+        return float(np.ptp(values, axis=0).max()) <= 1e-4 * float(np.abs(values).max())
+    arriving, keys, leaving = values[0::3], values[1::3], values[2::3]
+    return bool((keys == keys[0]).all()) and not arriving.any() and not leaving.any()
 
 
 def choose_times(document: Document, animation: int, tracks: list[Track], *, dense: bool) -> Times:
