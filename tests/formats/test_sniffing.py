@@ -50,7 +50,7 @@ def test_foreign_files_are_named(content, what):
 
 
 def test_what_is_unknown_is_refused():
-    with pytest.raises(FormatError, match="is of no known format; wanted .glb"):
+    with pytest.raises(FormatError, match=r"is of no known format; wanted \.glb"):
         sniff("a.glb", b"\0\1\2\3")
 
 

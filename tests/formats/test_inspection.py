@@ -1,0 +1,124 @@
+import json
+
+import msgspec
+import numpy as np
+import pytest
+
+from bunraku.formats import inspect, write_mesh
+from bunraku.types import FormatError, Mesh
+
+
+@pytest.fixture
+def told(tmp_path):
+    def inspect_mesh(mesh, name="a.ply"):
+        write_mesh(tmp_path / name, mesh)
+        return inspect(tmp_path / name)
+
+    return inspect_mesh
+
+
+def codes(found):
+    return {fault.code: fault for fault in found.faults}
+
+
+@pytest.mark.parametrize("name", ["a.obj", "a.ply", "a.glb"])
+def test_a_closed_cube_is_sound(told, cube, name):
+    found = told(cube, name)
+    assert (found.kind, found.vertices, found.faces, found.parts) == ("figure", 8, 12, 1)
+    assert found.closed
+    assert (found.boundary_edges, found.non_manifold_edges) == (0, 0)
+    assert found.extent == pytest.approx((1.0, 1.0, 1.0))
+    assert set(codes(found)) == {"few-faces"}
+    assert found.bytes > 0
+
+
+def test_it_goes_into_json(told, cube):
+    text = msgspec.json.encode(told(cube))
+    assert json.loads(text)["faults"][0]["severity"] == "note"
+
+
+def test_an_open_cube_has_a_boundary(told, cube):
+    found = told(Mesh(cube.vertices, cube.faces[2:]))
+    assert not found.closed
+    assert found.boundary_edges == 4
+    assert codes(found)["open"].message == "4 edges have one face only: the surface is open"
+
+
+def test_parts_are_counted_after_welding(told, cube):
+    apart = Mesh(cube.vertices[cube.faces].reshape(-1, 3), np.arange(36).reshape(-1, 3))
+    found = told(apart)
+    assert found.parts == 1
+    assert found.closed
+    two = Mesh(
+        np.concatenate([cube.vertices, cube.vertices + 3]),
+        np.concatenate([cube.faces, cube.faces + 8]),
+    )
+    assert told(two).parts == 2
+
+
+def test_a_fin_is_not_manifold(told, cube):
+    fin = Mesh(
+        np.concatenate([cube.vertices, [[-1.0, -1, 0]]]), np.concatenate([cube.faces, [[0, 1, 8]]])
+    )
+    found = told(fin)
+    assert found.non_manifold_edges == 1
+    assert not found.closed
+
+
+def test_a_turned_face_is_found(told, cube):
+    faces = cube.faces.copy()
+    faces[0] = faces[0, ::-1]
+    found = told(Mesh(cube.vertices, faces))
+    assert "turned-faces" in codes(found)
+    assert not found.closed
+
+
+def test_odd_geometry_is_reported(told, cube):
+    vertices = np.concatenate([cube.vertices, [[9.0, 9, 9]]])
+    faces = np.concatenate([cube.faces, cube.faces[:1], [[0, 0, 1]]])
+    found = told(Mesh(vertices, faces))
+    assert codes(found)["unused-vertices"].message == "1 vertices belong to no face"
+    assert codes(found)["doubled-faces"].severity == "note"
+    assert codes(found)["zero-area"].severity == "warning"
+    assert found.extent == pytest.approx((1.0, 1.0, 1.0))  # stray vertices do not count
+    sheet = told(Mesh(cube.vertices * [1, 1, 0], cube.faces))
+    assert "flat" in codes(sheet)
+
+
+def test_points_are_a_warning(told, cube):
+    found = told(Mesh(cube.vertices, np.empty((0, 3), np.int64)))
+    assert codes(found)["no-faces"].severity == "warning"
+    assert not found.closed
+
+
+def test_pieces_materials_and_up_of_an_obj(tmp_path):
+    (tmp_path / "a.mtl").write_text("newmtl red\nKd 1 0 0\n")
+    rows = ["mtllib a.mtl", "v 0 0 0", "v 1 0 0", "v 0 1 0", "g a", "f 1 2 3", "g b", "f 3 2 1"]
+    (tmp_path / "a.obj").write_text("\n".join(rows))
+    found = inspect(tmp_path / "a.obj")
+    assert (found.pieces, found.materials, found.textures, found.up) == (2, 1, 0, "y")
+
+
+def test_a_motion_tells_its_clip(tmp_path):
+    joint = "{ OFFSET 0 1 0 CHANNELS 3 Zrotation Xrotation Yrotation "
+    text = f"HIERARCHY ROOT a {joint} JOINT a {joint} }} }} MOTION Frames: 3 Frame Time: 0.5 "
+    (tmp_path / "walk.bvh").write_text(text + "0 " * 18)
+    found = inspect(tmp_path / "walk.bvh")
+    assert (found.kind, found.joints) == ("motion", 2)
+    assert found.clips[0] == type(found.clips[0])("walk", 1.0, 3)
+    assert "repeated-names" in codes(found)
+
+
+def test_a_folder_of_depth_frames_is_told_from_any_folder(tmp_path):
+    with pytest.raises(FormatError, match=r"is a folder without NNNN\.png frames"):
+        inspect(tmp_path)
+    (tmp_path / "0000.png").write_bytes(b"12345")
+    (tmp_path / "intrinsics.json").write_text("{}")
+    found = inspect(tmp_path)
+    assert (found.kind, found.clips[0].frames, found.bytes) == ("depth", 1, 5)
+
+
+def test_a_file_with_nothing_in_it_is_refused(tmp_path):
+    (tmp_path / "a.gltf").write_text('{"asset": {"version": "2.0"}}')
+    with pytest.raises(FormatError, match="shows no mesh and holds no rig"):
+        inspect(tmp_path / "a.gltf")
