@@ -41,7 +41,7 @@ def remove_rig(document: Document, tree: Tree, draft: Draft, *, shown: set[int])
 def _remove_motion(json: dict[str, Any], driven: set[int]) -> None:
     """Drop the channels that move these nodes, and clips that have no others."""
     kept = []
-    for clip in json.pop("animations", []):
+    for clip in json.get("animations", []):
         channels = [
             channel
             for channel in clip["channels"]
@@ -58,6 +58,8 @@ def _remove_motion(json: dict[str, Any], driven: set[int]) -> None:
             kept.append(clip)
     if kept:
         json["animations"] = kept
+    else:
+        json.pop("animations", None)
 
 
 def _hide_joints(document: Document, tree: Tree, json: dict[str, Any], *, joints: set[int]) -> None:
