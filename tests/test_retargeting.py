@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from bunraku.registration.body import Body
+from bunraku.reposing import Reposed
 from bunraku.retargeting import (
     Retarget,
     as_clip,
@@ -11,6 +13,7 @@ from bunraku.retargeting import (
     heading_frames,
     length_ratio,
     place_in_frame,
+    plan_retarget,
     retarget_clip,
     skeleton_of,
     turned_frames,
@@ -18,7 +21,7 @@ from bunraku.retargeting import (
 )
 from bunraku.rotations import compose_transforms, vectors_to_matrices
 from bunraku.skinning import clip_transforms, forward_kinematics
-from bunraku.types import Clip, Skeleton
+from bunraku.types import Character, Clip, Skeleton
 from tests.creatures import JOINTS, NAMES, PARENTS
 
 AHEAD = np.eye(3)
@@ -236,3 +239,37 @@ def test_a_figure_caught_in_motion_far_away_stays_there():
     far = standing_at(7.0)
     shift = way_home(far, far, HIPS * [10.0, 7.0, 1.0], HOME, posed=True)
     np.testing.assert_allclose(shift, 0, atol=1e-12)
+
+
+def plan_for(body: Body, creature: Character, vertices: np.ndarray, **reposed) -> Retarget:
+    """Plan for a copy of the creature, found at rest but for what is said."""
+    still = np.tile(np.eye(3), (7, 1, 1))
+    rest = Reposed(JOINTS, still, AHEAD, JOINTS, 0.0)
+    return plan_retarget(
+        body, replace(rest, **reposed), vertices, creature.skin.weights, creature.skeleton
+    )
+
+
+def test_a_figure_like_the_source_is_planned_as_the_source(body, creature):
+    found = plan_for(body, creature, creature.mesh.vertices)
+    np.testing.assert_allclose(found.places, JOINTS, atol=1e-9)
+    assert abs(found.scale - 1.0) < 0.02
+
+
+def test_travel_is_scaled_by_the_height_of_the_hips(body, creature):
+    found = plan_for(
+        body, creature, 3 * creature.mesh.vertices, found=3 * JOINTS, places=3 * JOINTS
+    )
+    assert np.isclose(found.scale / plan_for(body, creature, creature.mesh.vertices).scale, 3.0)
+
+
+def test_a_figure_caught_in_a_crouch_is_stood_on_the_floor(body, creature):
+    """Hips found low and ahead of the origin, facing left."""
+    aside = JOINTS @ LEFT.T + [0.1, -0.2, 0.2]
+    ahead = (aside - aside[0]) @ LEFT + aside[0]
+    vertices = creature.mesh.vertices @ LEFT.T + [0.1, -0.2, 0.2]
+    found = plan_for(body, creature, vertices, found=aside, places=ahead, heading=LEFT, posed=1.0)
+    rest = heading_frames(found)
+    lift = rest[0, :3, 3] - aside[0]
+    assert abs((vertices + lift)[:, 1].min()) < 1e-9
+    np.testing.assert_allclose(rest[0, [0, 2], 3], 0, atol=1e-9)

@@ -17,6 +17,7 @@ from bunraku.registration.puppet import (
     merge_small_joints,
     move_puppet,
     place_anchors,
+    reachable,
     rest_pose,
     step_pose,
     stretches,
@@ -203,6 +204,21 @@ def test_the_tree_does_not_depend_on_the_order_of_siblings(creature, rng):
     hierarchy = is_parent_of(np.arange(7), parents, np.arange(7))
     order, tree = join_by_shared_surface(areas, weights, hierarchy)
     np.testing.assert_array_equal(np.where(tree < 0, -1, order[tree]), parents[order])
+
+
+def test_the_tree_starts_at_the_top_with_the_most_surface_below_it():
+    """Not at the heavier of two tops: a prop of its own weighs more than light hips alone."""
+    hierarchy = np.zeros((4, 4), bool)
+    hierarchy[1, 2] = hierarchy[2, 3] = True  # hips > chest > head, and the prop beside them
+    weights = np.array([[1.0, 0, 0, 0], [0, 0.5, 0.5, 0], [0, 0, 0.5, 0.5], [0, 0, 0, 1]])
+    order, tree = join_by_shared_surface(np.array([1.0, 0.5, 2, 2]), weights, hierarchy)
+    assert order[0] == 1 and tree[0] == -1
+
+
+def test_what_can_be_reached_by_hand():
+    hierarchy = np.zeros((5, 5), bool)
+    hierarchy[[0, 1, 2, 3], [1, 2, 3, 4]] = True  # one chain
+    np.testing.assert_array_equal(reachable(hierarchy), np.triu(np.ones((5, 5))))
 
 
 def split_legs(creature) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

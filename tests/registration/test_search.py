@@ -12,6 +12,7 @@ from bunraku.registration.search import (
     choose_start,
     free_from_rig,
     heading_starts,
+    likely_moments,
     misfit_of,
     posed_start,
     refit,
@@ -44,6 +45,18 @@ def test_a_posed_start_stands_as_the_source_does_at_that_moment(creature, puppet
     scale = np.ptp(puppet.vertices[:, 1]) / np.ptp(creature.mesh.vertices[:, 1])
     moved, played = moved - moved.mean(axis=0), scale * (played - played.mean(axis=0))
     np.testing.assert_allclose(moved, played, atol=1e-9)
+
+
+def test_the_moment_that_the_figure_is_frozen_in_is_found(puppet, body):
+    about = heading_starts(puppet)[4].rotations[0]
+    vertices, _ = move_puppet(puppet, posed_start(puppet, body.moments[0], about))
+    surface = make_surface(vertices + 1.0, puppet.faces)  # wherever it stands
+    likely = likely_moments(puppet, body.moments, surface, keep=3)
+    assert len(likely) == 3
+    np.testing.assert_allclose(likely[0].world(puppet)[0][0], about @ body.moments[0, 0], atol=1e-6)
+    moved, _ = move_puppet(puppet, likely[0])
+    assert np.linalg.norm(moved - surface.vertices, axis=1).max() < 0.05
+    assert not likely_moments(puppet, body.moments[:0], surface)
 
 
 def test_the_source_is_found_whichever_way_the_figure_faces(puppet):
