@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
-from bunraku.graphs import parents_first
+from bunraku.graphs import root_first
 from bunraku.registration.body import Body
 from bunraku.reposing import Reposed
 from bunraku.rotations import (
@@ -80,7 +80,7 @@ def plan_retarget(
     scale = height / own if min(own, height) > 1e-6 else 1.0
     home = reposed.heading @ (scale * body.joints[hips])
     shift = way_home(found, rested, rest[hips, :3, 3], home, posed=reposed.posed > 0.5)
-    return replace(plan, places=reposed.places + reposed.heading.T @ shift, scale=scale)
+    return replace(plan, places=reposed.places + shift, scale=scale)
 
 
 def way_home(
@@ -113,7 +113,7 @@ def heading_frames(retarget: Retarget) -> Float[np.ndarray, "joints 4 4"]:
 
 def face_heading(retarget: Retarget) -> Float[np.ndarray, "4 4"]:
     """Turn the world from the source's front to the figure's, about the figure's root."""
-    about = retarget.places[parents_first(retarget.carriers)[0]]
+    about = retarget.places[root_first(retarget.carriers)[0]]
     return compose_transforms(about - retarget.heading @ about, retarget.heading)
 
 
@@ -128,7 +128,7 @@ def retarget_clip(clip: Clip, retarget: Retarget) -> Clip:
     at_rest = forward_kinematics(source.parents, source.rest)
     figure = turned_frames(source, retarget.places)
     placed = moving.copy()
-    for joint in parents_first(retarget.carriers):
+    for joint in root_first(retarget.carriers):
         carrier = int(retarget.carriers[joint])
         if carrier == NO_PARENT:
             travelled = moving[:, joint, :3, 3] - at_rest[joint, :3, 3]
