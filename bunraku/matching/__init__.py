@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
+from threadpoolctl import threadpool_limits
 
 from bunraku.matching.alignment import SIZES, Alignment, align_shells, fit_map
 from bunraku.matching.refinement import mapped_coordinates, points_from_map, zoom_out
@@ -76,21 +77,15 @@ def match_surfaces(
     Raises:
         ValueError: if a mesh has too few vertices for `modes` functions, or no area.
     """
-    first, second = (prepare_surface(mesh, modes=modes) for mesh in (source, target))
-    upward = np.array(up, np.float64)
-    ranked = rank_starts(first, second, start_from_headings(first, second, upward), upward)
-    if ranked[0][1].total > sure:
-        mirror = mirror_match(first, upward)
-        ranked += rank_starts(first, second, start_from_falls(first, second, upward), upward)
-        ranked += rank_starts(first, second, start_from_signs(first, second, mirror), upward)
-        ranked += rank_starts(first, second, start_from_descriptors(first, second), upward)
-        ranked.sort(key=lambda entry: entry[1].total)
-    best, judgement = ranked[0]
-    LOGGER.info("map from %s, score %.3f", best.origin, judgement.total)
-    matrix = fit_map(first, second, best.matched, SIZES[-1])
-    points = points_from_map(first.basis, second.basis, matrix)
-    sizes = [*range(SIZES[-1], modes, 10), modes]
-    matrix, points = zoom_out(first.basis, second.basis, points, sizes=sizes)
+    with threadpool_limits(1):  # the products are small: threads only get in each other's way
+        first, second = (prepare_surface(mesh, modes=modes) for mesh in (source, target))
+        ranked = search_starts(first, second, np.array(up, np.float64), sure=sure)
+        best, judgement = ranked[0]
+        LOGGER.info("map from %s, score %.3f", best.origin, judgement.total)
+        start = fit_map(first, second, best.matched, min(SIZES[-1], modes))
+        points = points_from_map(first.basis, second.basis, start)
+        sizes = [*range(SIZES[-1], modes, 10), modes]
+        matrix, points = zoom_out(first.basis, second.basis, points, sizes=sizes)
     return FunctionalMap(
         matrix,
         first.basis,
@@ -103,6 +98,17 @@ def match_surfaces(
         mirrored=judgement.mirrored,
         runner_up=runner_up_gap(first, ranked),
     )
+
+
+def search_starts(source: Surface, target: Surface, up: Vector, *, sure: float) -> Ranked:
+    """Align from upright headings; unless one fits surely, from every other start as well."""
+    ranked = rank_starts(source, target, start_from_headings(source, target, up), up)
+    if ranked[0][1].total > sure:
+        signed = start_from_signs(source, target, mirror_match(source, up))
+        others = [*start_from_falls(source, target, up), *signed]
+        others += start_from_descriptors(source, target)
+        ranked += rank_starts(source, target, others, up)
+    return sorted(ranked, key=lambda entry: entry[1].total)
 
 
 def rank_starts(

@@ -54,8 +54,10 @@ def multiplications(
     basis: Basis, faces: Int[np.ndarray, "faces 3"], fields: Float[np.ndarray, "vertices fields"]
 ) -> Float[np.ndarray, "fields functions functions"]:
     """Express multiplication by each field in the basis."""
-    weighted = (basis.mass[:, None] * fields).T[:, :, None] * basis.functions
-    return basis.functions.T @ weighted
+    weighted = basis.mass[:, None] * fields
+    return np.stack(
+        [basis.functions.T @ (column[:, None] * basis.functions) for column in weighted.T]
+    )
 
 
 def orientations(

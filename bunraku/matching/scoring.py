@@ -24,6 +24,8 @@ class Judgement:
     """What speaks against an alignment; every entry is 0 for a perfect one."""
 
     distance: float  # between deformed source and target, both ways, normals included
+    disagreement: float  # between the functional map's match and the places of its samples
+    skew: float  # how far the functional map is from orthogonal
     bending: float  # mean angle between the rotations of neighbouring regions, radians
     improper: float  # share of the area of regions turned into their mirror image
     inside_out: float  # 1 - volume carried by the functional map, as a share of the source's
@@ -31,8 +33,8 @@ class Judgement:
 
     @property
     def total(self) -> float:
-        """Give one number to compare alignments of one target by."""
-        return self.distance + 0.5 * self.bending
+        """Give one number to compare alignments by: the best single judges by their spread."""
+        return (self.distance + 2.0 * self.disagreement + 0.5 * self.skew) / 3.0
 
     @property
     def mirrored(self) -> bool:
@@ -49,8 +51,12 @@ def judge_alignment(
     rotations, bending, improper = region_rotations(source, moved)
     carried = rotations @ (up / np.linalg.norm(up))
     matrix = fit_map(source, target, alignment.matched, alignment.size)
+    size = alignment.size
+    gaps = moved[source.samples[alignment.matched]] - target.vertices[target.samples]
     return Judgement(
         distance=mutual_distance(source, target, moved),
+        disagreement=float(target.areas @ soft_distance((gaps**2).sum(axis=1))),
+        skew=float(np.linalg.norm(matrix.T @ matrix - np.eye(size)) / np.sqrt(size)),
         bending=bending,
         improper=improper,
         inside_out=1.0 - volume_ratio(source, target, matrix),
@@ -64,19 +70,24 @@ def mutual_distance(
     moved: Float[np.ndarray, "source_vertices 3"],
     *,
     tilt: float = 0.1,
-    tolerance: float = 0.05,
 ) -> float:
     """Measure how far the deformed source and the target are from each other, 0 to 2.
 
-    Each sample counts d^2 / (d^2 + tolerance^2), d being the distance in place and weighted
-    normal to the nearest vertex of the other surface, at area 1.
+    Adds over both surfaces the soft distance, in place and weighted normal, of each sample to the
+    nearest vertex of the other.
     """
     places = np.hstack([moved, tilt * vertex_normals(moved, source.faces)])
     goals = np.hstack([target.vertices, tilt * target.normals])
     there = KDTree(goals).query(places[source.samples])[0] ** 2
     back = KDTree(places).query(goals[target.samples])[0] ** 2
-    share = [square / (square + tolerance**2) for square in (there, back)]
-    return float(source.areas @ share[0] + target.areas @ share[1])
+    return float(source.areas @ soft_distance(there) + target.areas @ soft_distance(back))
+
+
+def soft_distance(
+    squared: Float[np.ndarray, " samples"], *, tolerance: float = 0.05
+) -> Float[np.ndarray, " samples"]:
+    """Turn squared distances (area 1) into 0 near to 1 far, d^2 / (d^2 + tolerance^2)."""
+    return squared / (squared + tolerance**2)
 
 
 def region_rotations(
@@ -100,8 +111,9 @@ def region_rotations(
     covariances = np.stack([np.bincount(region, entry, count) for entry in outer.T], axis=1)
     covariances = covariances.reshape(-1, 3, 3)
     rotations = nearest_rotation(covariances)
-    pairs = np.unique(region[source.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)], axis=0)
-    first, second = pairs[pairs[:, 0] < pairs[:, 1]].T
+    ends = region[source.faces]
+    pairs = np.unique(ends.ravel() * count + np.roll(ends, 1, axis=1).ravel())
+    first, second = np.divmod(pairs[pairs // count < pairs % count], count)
     between = np.swapaxes(rotations[first], -1, -2) @ rotations[second]
     bending = float(rotation_angles(between).mean()) if len(first) else 0.0
     return rotations, bending, float(areas @ (np.linalg.det(covariances) < 0))
