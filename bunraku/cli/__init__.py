@@ -8,7 +8,7 @@ from pathlib import Path
 import typer
 
 from bunraku.cli.evaluating import evaluate
-from bunraku.cli.failures import describe_failure
+from bunraku.cli.failures import INTERRUPTED, describe_failure
 from bunraku.cli.options import (
     CharacterOption,
     ClipOption,
@@ -28,7 +28,6 @@ from bunraku.cli.options import (
 
 app = typer.Typer(
     name="bunraku",
-    no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -147,7 +146,10 @@ def run(arguments: Sequence[str]) -> int:
     """Run the command line; give the exit code after printing at most one error line."""
     command = typer.main.get_command(app)
     try:
-        return int(command.main(list(arguments), "bunraku", standalone_mode=False) or 0)
+        code = command.main(list(arguments) or ["--help"], "bunraku", standalone_mode=False) or 0
+        if code == INTERRUPTED:  # the parser's own word for it
+            raise KeyboardInterrupt
+        return int(code)
     except (Exception, KeyboardInterrupt) as error:
         code, line = describe_failure(error)
         if line:

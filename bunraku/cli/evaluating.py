@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 evaluate = typer.Typer(
     name="evaluate",
-    no_args_is_help=True,
     help="Measure on evaluation data: the papers' tables, beside the papers' numbers.",
 )
 

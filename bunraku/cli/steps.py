@@ -64,7 +64,11 @@ def read_performer(path: Path | None) -> Character:
         raise FormatError(path, "", "is a folder; give a rigged .glb, .gltf or .vrm, or a .bvh")
     with about(path):
         if sniff(path, read_bytes(path)) != "bvh":
-            return read_character(path)
+            character = read_character(path)
+            if not len(character.mesh.faces):
+                message = "has a rig but no surface to compare the figure with; give a whole file"
+                raise FormatError(path, "", message)
+            return character
         human = builtin.human()
         recorded, clip = read_motion(path)
         return replace(human, clips=(transfer_motion(recorded, clip, human.skeleton),))
