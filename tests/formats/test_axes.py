@@ -57,8 +57,13 @@ def test_figures_on_legs_are_told_upright_in_any_format(name, kind, request):
 
 
 def test_the_axis_of_symmetry_is_not_up(person):
+    arms = build([((0, 1.45, 0), (2.6, 0.1, 0.1))])
+    wide = Mesh(
+        np.concatenate([person.vertices, arms.vertices]),
+        np.concatenate([person.faces, arms.faces + len(person.vertices)]),
+    )
     aside = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # left is along y, up along z
-    assert guess_up(Mesh(person.vertices @ aside.T, person.faces), "obj") == "z"
+    assert guess_up(Mesh(wide.vertices @ aside.T, wide.faces), "obj") == "z"
 
 
 def test_guess_stays_when_the_figure_is_moved_scaled_and_shuffled(dog, rng):

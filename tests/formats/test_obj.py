@@ -91,8 +91,8 @@ def test_indices_of_uvs_that_are_not_there_cost_only_the_uvs(caplog):
 
 
 def test_a_continued_line_does_not_shift_the_numbers_of_later_lines():
-    with pytest.raises(FormatError, match="line 7: wanted v indices"):
-        read(SQUARE + "f 1 \\\n2 3\nf 1 2 9\n")
+    with pytest.raises(FormatError, match="line 8: wanted v indices"):
+        read(SQUARE + "f 1 \\\n2 \\\n3\nf 1 2 9\n")
 
 
 @pytest.mark.parametrize(

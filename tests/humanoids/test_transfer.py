@@ -112,6 +112,16 @@ def test_knees_and_elbows_bend_about_their_own_hinges(person, dance, turns):
             assert np.linalg.norm(bend - along[:, None] * axis, axis=1).max() < 0.25
 
 
+def test_a_trunk_that_is_folded_at_rest_is_not_folded_in_the_clip(person, dance):
+    dance.rotations[4] = [0, 0, 0, 1]  # it stands once, which is what the fold is measured from
+    source, clip = repose(person, dance, ONE_LINE)
+    found = world(person, transfer_motion(source, clip, person))
+    wanted = world(person, dance)
+    for bone in ("hips", "upperChest", "head"):
+        joint = person.names.index(bone)
+        np.testing.assert_allclose(found[:, joint, :3, :3], wanted[:, joint, :3, :3], atol=1e-9)
+
+
 def test_a_twisted_rest_pose_does_not_turn_knees_around(person, dance):
     source, clip = repose(person, dance, {"leftUpperLeg": [0, 3.0, 0]})
     found = transfer_motion(source, clip, person)
