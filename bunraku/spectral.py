@@ -155,7 +155,7 @@ def prolonged_functions(
     coarse_count: int = 3000,
 ) -> Float[np.ndarray, "vertices count"]:
     """Interpolate the eigenfunctions of a decimated copy at the nearest points of its surface."""
-    wanted = 2 * max(coarse_count, 6 * count)
+    wanted = 2 * max(coarse_count, 6 * count)  # a closed mesh has two faces a vertex
     share = 1.0 - min(1.0, wanted / len(faces))
     coarse_vertices, coarse_faces = fast_simplification.simplify(
         np.ascontiguousarray(vertices, np.float32), np.ascontiguousarray(faces, np.int32), share

@@ -12,8 +12,10 @@ from bunraku.spectral import (
     eigenbasis,
     factorise,
     heat_kernel_signature,
+    improve_functions,
     laplacian,
     project,
+    prolonged_functions,
     wave_kernel_signature,
 )
 
@@ -86,14 +88,27 @@ def test_size_and_place_do_not_matter_and_calls_agree(rng):
 
 def test_the_coarse_way_agrees_with_the_exact_one(rng):
     """Ritz values lie above the true ones; the stated error is the bound."""
-    vertices, faces = blob(rng, 5)
+    vertices, faces = blob(rng, 4)
     exact = eigenbasis(vertices, faces, count=50)
-    coarse = eigenbasis(vertices, faces, count=50, exact_below=1000)
-    relative = coarse.values[1:] / exact.values[1:] - 1
+    stiffness, mass = laplacian(vertices, faces)
+    guess = prolonged_functions(vertices, faces, 60, coarse_count=900)
+    values, functions = improve_functions(stiffness, mass / mass.sum(), guess)
+    relative = values[1:50] / exact.values[1:] - 1
     assert relative.min() > -1e-9
     assert relative.max() < 6e-3
-    overlap = coarse.functions[:, :30].T @ (exact.mass[:, None] * exact.functions)
+    overlap = functions[:, :30].T @ (exact.mass[:, None] * exact.functions)
     assert np.linalg.svd(overlap, compute_uv=False).min() > 0.9999
+
+
+def test_large_meshes_take_the_coarse_way(rng):
+    vertices, faces = blob(rng, 4)
+    exact, coarse = (
+        eigenbasis(vertices, faces, count=20, exact_below=limit) for limit in (10_000, 1000)
+    )
+    assert not np.array_equal(coarse.values, exact.values)
+    np.testing.assert_allclose(coarse.values, exact.values, rtol=1e-3, atol=1e-6)
+    gram = coarse.functions.T @ (coarse.mass[:, None] * coarse.functions)
+    np.testing.assert_allclose(gram, np.eye(20), atol=1e-9)
 
 
 def test_points_without_faces_have_a_basis(rng):

@@ -46,9 +46,9 @@ class FunctionalMap:
     source_from_target: Float[np.ndarray, "3 3"]  # rotation from which it was found
     origin: str  # the start that won: a heading, a fallen pose, signs, signature
     judgement: Judgement
-    score: float  # the judgement's total: 0 is perfect, above .6 is doubtful
+    score: float  # the judgement's total: 0 is perfect; right .2-.4, doubtful above .4
     mirrored: bool  # left and right are swapped even in the best map found
-    runner_up: float  # by how much the best truly different candidate scores worse
+    runner_up: float  # how much worse the best other map scores; inf: none was left
 
 
 def match_surfaces(
@@ -57,7 +57,7 @@ def match_surfaces(
     *,
     modes: int = 100,
     up: tuple[float, float, float] = (0.0, 1.0, 0.0),
-    sure: float = 0.45,
+    sure: float = 0.33,
 ) -> FunctionalMap:
     """Find the functional map between two surfaces without landmarks (Eqs. 1-2).
 
