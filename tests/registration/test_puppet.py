@@ -215,6 +215,16 @@ def test_the_tree_starts_at_the_top_with_the_most_surface_below_it():
     assert order[0] == 1 and tree[0] == -1
 
 
+@pytest.mark.parametrize(("contact", "parent"), [(1.0, 0), (5.0, 1)])
+def test_only_much_more_shared_surface_changes_the_tree(contact, parent):
+    """A thigh that touches the other more than its hips stays; a foot on its shin does not."""
+    hierarchy = np.array([[False, True, True], [False] * 3, [False] * 3])
+    weights = np.array([[0.9, 0.0, 0.1], [0.5, 0.5, 0.0], [0.0, 0.5, 0.5], [0.0, 0.0, 1.0]])
+    areas = np.array([1.0, 1.0, contact, 1.0])
+    order, tree = join_by_shared_surface(areas, weights, hierarchy)
+    assert order[tree[list(order).index(2)]] == parent
+
+
 def test_what_can_be_reached_by_hand():
     hierarchy = np.zeros((5, 5), bool)
     hierarchy[[0, 1, 2, 3], [1, 2, 3, 4]] = True  # one chain

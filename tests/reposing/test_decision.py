@@ -121,9 +121,13 @@ def test_one_raised_arm_is_the_pose_of_that_arm_alone(body):
 
 
 def test_a_poor_fit_makes_turns_less_believed(body):
-    turns = world_turns({name: (0.0, 12.0, 0.0) for name in ("chest", "head")})
-    shares = [believe_turns(body, turns, misfit=misfit)[0] for misfit in (0.05, 0.15, 0.3)]
-    assert shares[0] >= shares[1] >= shares[2] and shares[0] > shares[2]
+    """Over turns of every size: the worse the fit, the larger a turn must be."""
+    sweep = [world_turns({"hips": (angle, 0.0, 0.0)}) for angle in np.linspace(0.0, 60.0, 31)]
+    believed = [
+        sum(believe_turns(body, turns, misfit=misfit)[0] for turns in sweep)
+        for misfit in (0.05, 0.15, 0.3)
+    ]
+    assert believed[0] >= believed[1] >= believed[2] and believed[0] > believed[2] > 0
 
 
 def test_reposing_undoes_heading_and_pose(body):
