@@ -119,3 +119,14 @@ def test_invert_rigid_agrees_with_a_general_solve(rng):
     np.testing.assert_allclose(
         rotations.invert_rigid(transforms), np.linalg.inv(transforms), atol=1e-12
     )
+
+
+def test_the_part_of_a_turn_about_the_vertical():
+    heading, lean = (
+        Rotation.from_euler(axis, angle, degrees=True).as_matrix()
+        for axis, angle in (("y", 130), ("x", 20))
+    )
+    np.testing.assert_allclose(rotations.vertical_turn(heading), heading, atol=1e-12)
+    found = rotations.vertical_turn(heading @ lean)
+    np.testing.assert_allclose(found[:, 1], [0, 1, 0], atol=1e-12)
+    assert np.rad2deg(rotations.rotation_angles(heading.T @ found)) < 4
