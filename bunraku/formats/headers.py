@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from bunraku.formats.files import Location
 from bunraku.types import FormatError
 
-_SIZES = {
+PLY_SIZES = {
     **{name: 1 for name in ("char", "uchar", "int8", "uint8")},
     **{name: 2 for name in ("short", "ushort", "int16", "uint16", "float16")},
     **{name: 4 for name in ("int", "uint", "int32", "uint32", "float", "float32")},
@@ -17,26 +17,25 @@ _AGAIN = "export or download it again"
 
 
 @dataclass
-class _Element:
+class PlyElement:
     """An element of a PLY header: how many rows, and at least how many bytes each takes."""
 
     name: str
     count: int
     properties: list[str] = field(default_factory=list)
     row_bytes: int = 0
+    lists: list[tuple[int, str, str]] = field(default_factory=list)  # place in the row, types
 
 
 def check_ply(path: Location, content: bytes) -> bytes:
     """Raise a FormatError unless a PLY header is sound and its counts fit into the file."""
-    end = re.search(rb"end_header[ \t]*(\r\n|\n|\r)", content[:_LARGEST_HEADER])
-    if not end:
-        raise FormatError(path, "header", f"has no end_header line; {_AGAIN}")
-    lines = content[: end.start()].decode("utf-8", "replace").splitlines()
-    elements = _ply_elements(path, lines)
+    body = find_ply_body(path, content)
+    lines = content[:body].decode("utf-8", "replace").splitlines()
+    elements = read_ply_elements(path, lines)
     encoding = next((line.split()[1:2] for line in lines if line.startswith("format")), [])
     if encoding not in (["ascii"], ["binary_little_endian"], ["binary_big_endian"]):
         raise FormatError(path, "header", f"has format {encoding}, wanted ascii or binary_*_endian")
-    room = len(content) - end.end()
+    room = len(content) - body
     for element in elements:
         smallest = 2 * len(element.properties) if encoding == ["ascii"] else element.row_bytes
         room -= element.count * max(smallest, 1)
@@ -51,9 +50,17 @@ def check_ply(path: Location, content: bytes) -> bytes:
     return content
 
 
-def _ply_elements(path: Location, lines: list[str]) -> list[_Element]:
+def find_ply_body(path: Location, content: bytes) -> int:
+    """Give the place of the first byte after a PLY header."""
+    end = re.search(rb"end_header[ \t]*(\r\n|\n|\r)", content[:_LARGEST_HEADER])
+    if not end:
+        raise FormatError(path, "header", f"has no end_header line; {_AGAIN}")
+    return end.end()
+
+
+def read_ply_elements(path: Location, lines: list[str]) -> list[PlyElement]:
     """Read the element and property lines of a PLY header."""
-    elements: list[_Element] = []
+    elements: list[PlyElement] = []
     for number, line in enumerate(lines, start=1):
         words = line.split()
         if words[:1] == ["element"]:
@@ -61,16 +68,18 @@ def _ply_elements(path: Location, lines: list[str]) -> list[_Element]:
                 raise FormatError(
                     path, f"line {number}", f"wanted element NAME COUNT, got {line!r}"
                 )
-            elements.append(_Element(words[1], int(words[2][:18])))
+            elements.append(PlyElement(words[1], int(words[2][:18])))
         elif words[:1] == ["property"]:
             kinds = words[2:4] if words[1:2] == ["list"] else words[1:2]
             wrong = not elements or len(words) != 3 + 2 * (words[1:2] == ["list"])
-            if wrong or not all(kind in _SIZES for kind in kinds):
+            if wrong or not all(kind in PLY_SIZES for kind in kinds):
                 raise FormatError(
                     path, f"line {number}", f"wanted property TYPE NAME, got {line!r}"
                 )
+            if len(kinds) == 2:
+                elements[-1].lists.append((elements[-1].row_bytes, kinds[0], kinds[1]))
             elements[-1].properties.append(words[-1])
-            elements[-1].row_bytes += _SIZES[kinds[0]]
+            elements[-1].row_bytes += PLY_SIZES[kinds[0]]
     return elements
 
 

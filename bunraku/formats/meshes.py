@@ -1,16 +1,20 @@
-"""PLY, STL and OFF through trimesh, behind checks of what their headers claim; OBJ and PLY out."""
+"""OBJ, PLY, STL and OFF in, behind checks of what their headers claim; OBJ and PLY out."""
 
 import io
 import logging
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from bunraku.formats.files import Location
-from bunraku.formats.headers import check_off, check_ply, check_stl
+from bunraku.formats.headers import check_ply, check_stl
 from bunraku.formats.obj import read_obj
+from bunraku.formats.off import read_off
 from bunraku.formats.pieces import Material, Piece
+from bunraku.formats.ply_polygons import split_polygons
+from bunraku.formats.polygons import triangulate
 from bunraku.types import FormatError, Mesh
 
 MOST_VERTICES = 5_000_000
@@ -27,10 +31,7 @@ def read_pieces(path: Location, content: bytes, kind: str) -> tuple[list[Piece],
     Raises:
         FormatError: if the file is damaged, or holds no geometry.
     """
-    if kind == "obj":
-        pieces, materials = read_obj(path, content)
-    else:
-        pieces, materials = _read_with_trimesh(path, content, kind), []
+    pieces, materials = _read(path, content, kind)
     count = sum(len(piece.positions) for piece in pieces)
     if not count:
         raise FormatError(path, "", "holds no vertices; export it again with geometry")
@@ -42,6 +43,18 @@ def read_pieces(path: Location, content: bytes, kind: str) -> tuple[list[Piece],
     if not any(len(piece.faces) for piece in pieces):
         logger.warning("%s: has no faces; it is taken as a point cloud", path)
     return pieces, materials
+
+
+def _read(path: Location, content: bytes, kind: str) -> tuple[list[Piece], list[Material]]:
+    """Call the reader of a format; only OBJ has materials."""
+    match kind:
+        case "obj":
+            return read_obj(path, content)
+        case "ply":
+            return _read_ply(path, content), []
+        case "stl":
+            return _read_with_trimesh(path, check_stl(path, content), "stl"), []
+    return [read_off(path, content)], []
 
 
 def _check_piece(path: Location, piece: Piece) -> None:
@@ -76,20 +89,30 @@ def _check_extent(path: Location, pieces: list[Piece]) -> None:
         raise FormatError(path, "", "has faces, but no area: they are points or lines; check it")
 
 
-def _read_with_trimesh(path: Location, content: bytes, kind: str) -> list[Piece]:
-    """Check the header, then let trimesh read; whatever it raises becomes a FormatError."""
-    from trimesh.exchange import off, ply, stl  # takes 0.3 s, and only these three formats need it
+def _read_ply(path: Location, content: bytes) -> list[Piece]:
+    """Read a PLY through trimesh; polygons of different sizes, which it refuses, apart."""
+    content, polygons = split_polygons(path, check_ply(path, content))
+    pieces = _read_with_trimesh(path, content, "ply")
+    if polygons is None:
+        return pieces
+    corners, starts = polygons
+    wrong = (corners < 0) | (corners >= len(pieces[0].positions))
+    if wrong.any():
+        face = int(np.searchsorted(starts, wrong.argmax(), side="right")) - 1
+        raise FormatError(path, f"face {face}", "has a corner that is no vertex; export it again")
+    faces, _ = triangulate(pieces[0].positions, corners, starts)
+    return [replace(pieces[0], faces=corners[faces])]
 
-    check, load = {
-        "ply": (check_ply, ply.load_ply),
-        "stl": (check_stl, stl.load_stl),
-        "off": (check_off, off.load_off),
-    }[kind]
-    content = check(path, content)
+
+def _read_with_trimesh(path: Location, content: bytes, kind: str) -> list[Piece]:
+    """Let trimesh read a PLY or STL; whatever it raises becomes a FormatError."""
+    from trimesh.exchange import ply, stl  # takes 0.3 s, and only these two formats need it
+
+    load = {"ply": ply.load_ply, "stl": stl.load_stl}[kind]
     try:
         with np.errstate(all="ignore"):
             loaded = load(io.BytesIO(content))
-            solids = loaded.get("geometry", {"": loaded})
+            solids = loaded.get("geometry") or {"": loaded}
             return [_piece(name, solid) for name, solid in solids.items()]
     except Exception as error:  # trimesh raises almost anything on damaged files
         reason = " ".join(str(error).split())[:80]
