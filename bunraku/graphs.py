@@ -17,15 +17,10 @@ def children(parents: Int[np.ndarray, " joints"]) -> list[list[int]]:
     return lists
 
 
-def parents_first(parents: Int[np.ndarray, " joints"]) -> list[int]:
-    """Order the joints of a tree, stored in any order, so that each follows its parent."""
-    return [int(joint) for joint in np.argsort(depths(parents), kind="stable")]
-
-
 def descendants(parents: Int[np.ndarray, " joints"]) -> Bool[np.ndarray, "joints joints"]:
     """Tell whether the joint of a column hangs below the joint of a row; each below itself."""
     below = np.eye(len(parents), dtype=bool)
-    for joint in reversed(parents_first(parents)):
+    for joint in root_first(parents)[::-1]:
         if parents[joint] != NO_PARENT:
             below[parents[joint]] |= below[joint]
     return below

@@ -91,3 +91,9 @@ def invert_rigid(transforms: Float[np.ndarray, "*batch 4 4"]) -> Float[np.ndarra
     return compose_transforms(
         -np.einsum("...ij,...j->...i", inverse, transforms[..., :3, 3]), inverse
     )
+
+
+def vertical_turn(rotation: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
+    """Give the part of a rotation that turns about the vertical (Y), nearest to it."""
+    yaw = np.arctan2(rotation[0, 2] - rotation[2, 0], rotation[0, 0] + rotation[2, 2])
+    return vectors_to_matrices(np.array([0.0, float(yaw), 0.0]))

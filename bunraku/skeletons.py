@@ -8,7 +8,7 @@ Castellani 2021, "Methodology for skeleton transfer"; closed form in place of gr
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from bunraku.graphs import parents_first
+from bunraku.graphs import root_first
 from bunraku.rotations import nearest_rotation
 from bunraku.types import NO_PARENT
 
@@ -164,7 +164,7 @@ def surface_turns(
     """
     turns, _, _, _ = fit_similarities(vertices, images, areas[:, None] * weights**2)
     share = areas @ weights / areas.sum()
-    for joint in parents_first(carriers):
+    for joint in root_first(carriers):
         if share[joint] < 1e-6 and carriers[joint] != NO_PARENT:
             turns[joint] = turns[carriers[joint]]
     return turns, np.minimum(1.0, share / 0.01)

@@ -10,7 +10,14 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import cho_factor, cho_solve
 
-from bunraku.registration.correspondence import Pairs, Surface, find_pairs, misfit, robust_weights
+from bunraku.registration.correspondence import (
+    Pairs,
+    Surface,
+    find_pairs,
+    join_pairs,
+    misfit,
+    robust_weights,
+)
 from bunraku.registration.puppet import Pose, Puppet, move_puppet, step_pose
 from bunraku.rotations import matrices_to_vectors
 from bunraku.types import NO_PARENT
@@ -48,8 +55,21 @@ FINE = (
 )
 
 
-def fit(puppet: Puppet, pose: Pose, surface: Surface, schedule: tuple[Stage, ...]) -> Pose:
-    """Run a schedule of Gauss-Newton steps from a start pose."""
+def fit(
+    puppet: Puppet,
+    pose: Pose,
+    surface: Surface,
+    schedule: tuple[Stage, ...],
+    *,
+    build: Float[np.ndarray, "joints 2"] | None = None,
+    pins: Pairs | None = None,
+) -> Pose:
+    """Run a schedule of Gauss-Newton steps from a start pose.
+
+    Args:
+        build: log-scales that cost nothing; None for the source's own proportions.
+        pins: pairs held through the whole schedule, beside those found by distance.
+    """
     for stage in schedule:
         for _ in range(stage.steps):
             samples = puppet.samples[: stage.samples]
@@ -60,7 +80,8 @@ def fit(puppet: Puppet, pose: Pose, surface: Surface, schedule: tuple[Stage, ...
                 normal_weight=stage.normals,
                 queries=stage.queries,
             )
-            pose = gauss_newton_step(puppet, pose, surface, pairs, stage)
+            pairs = pairs if pins is None else join_pairs(pairs, pins)
+            pose = gauss_newton_step(puppet, pose, surface, pairs, stage, build=build)
     return pose
 
 
@@ -71,13 +92,19 @@ def fit_error(puppet: Puppet, pose: Pose, surface: Surface) -> float:
 
 
 def gauss_newton_step(
-    puppet: Puppet, pose: Pose, surface: Surface, pairs: Pairs, stage: Stage
+    puppet: Puppet,
+    pose: Pose,
+    surface: Surface,
+    pairs: Pairs,
+    stage: Stage,
+    *,
+    build: Float[np.ndarray, "joints 2"] | None = None,
 ) -> Pose:
     """Solve one linearised fit and apply it, no unknown by more than LARGEST_STEP."""
     jacobian, moved = motion_jacobian(puppet, pose, pairs.moving)
     residual = surface.vertices[pairs.still] - moved
     normal = surface.normals[pairs.still]
-    weight = robust_weights(pairs.squared, stage.width)
+    weight = pairs.weight * robust_weights(pairs.squared, stage.width)
     weight /= weight.sum()
     on_plane = np.einsum("pa,pau->pu", normal, jacobian)
     hessian = on_plane.T @ (weight[:, None] * on_plane)
@@ -86,7 +113,8 @@ def gauss_newton_step(
     each = np.repeat(stage.points * weight, 3)
     hessian += flat.T @ (each[:, None] * flat)
     gradient += flat.T @ (each * residual.ravel())
-    add_priors(hessian, gradient, puppet, pose, stage)
+    extra = pose.scales if build is None else pose.scales - build
+    add_priors(hessian, gradient, puppet, pose, stage, extra)
     return apply_step(puppet, pose, cho_solve(cho_factor(hessian), gradient))
 
 
@@ -131,8 +159,9 @@ def add_priors(
     puppet: Puppet,
     pose: Pose,
     stage: Stage,
+    scales: Float[np.ndarray, "joints 2"],
 ) -> None:
-    """Add, in place, the costs of turning (not the root) and of scaling unlike the parent."""
+    """Add, in place, the costs of turning (not the root) and of `scales` unlike the parent's."""
     count = len(puppet.parents)
     child = np.flatnonzero(puppet.parents != NO_PARENT)
     turns, _, _ = pose.world(puppet)
@@ -149,7 +178,7 @@ def add_priors(
     block = np.block([[smooth + tie, -tie], [-tie, smooth + tie]])
     both = slice(3 * count, 5 * count)
     hessian[both, both] += block
-    gradient[both] -= block @ pose.scales.T.ravel()
+    gradient[both] -= block @ scales.T.ravel()
     diagonal = np.arange(len(hessian))
     hessian[diagonal, diagonal] += 1e-7
     hessian[diagonal[: 3 * count], diagonal[: 3 * count]] += turning

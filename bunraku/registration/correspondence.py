@@ -28,6 +28,7 @@ class Pairs:
     moving: Int[np.ndarray, " pairs"]  # vertex of the moving surface
     still: Int[np.ndarray, " pairs"]  # vertex of the still one
     squared: Float[np.ndarray, " pairs"]  # distance squared, normals included
+    weight: Float[np.ndarray, " pairs"]  # beside the robust weight
 
 
 def make_surface(
@@ -77,7 +78,19 @@ def find_pairs(
         np.concatenate([samples[:queries], samples[asked]]),
         np.concatenate([surface.samples[nearest], surface.samples[:queries]]),
         np.concatenate([forward, backward]) ** 2,
+        np.ones(len(forward) + len(backward)),
     )
+
+
+def pin(moving: Int[np.ndarray, " pins"], still: Int[np.ndarray, " pins"], weight: float) -> Pairs:
+    """Hold vertices of the moving surface to vertices of the still one, however far."""
+    return Pairs(moving, still, np.zeros(len(moving)), np.full(len(moving), weight))
+
+
+def join_pairs(pairs: Pairs, pins: Pairs) -> Pairs:
+    """Put two sets of pairs together."""
+    both = zip(vars(pairs).values(), vars(pins).values(), strict=True)
+    return Pairs(*(np.concatenate(columns) for columns in both))
 
 
 def robust_weights(

@@ -4,7 +4,6 @@ No map is needed for bodies of the source's kind (docs/log.md); maps, clips and 
 starts. All in units of sqrt(area): source and figure are compared at equal surface area.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,13 +12,16 @@ from jaxtyping import Float
 from bunraku.meshes import scale_to_unit_area
 from bunraku.registration.articulated import COARSE, FINE, Stage, fit, fit_error, gauss_newton_step
 from bunraku.registration.body import Body
-from bunraku.registration.correspondence import Pairs, Surface, make_surface, misfit
+from bunraku.registration.correspondence import Surface, make_surface, misfit, pin
+from bunraku.registration.extremities import QUARTERS, reach_tips
 from bunraku.registration.nonrigid import refine
 from bunraku.registration.puppet import Pose, Puppet, move_puppet, rest_pose
-from bunraku.rotations import vectors_to_matrices
+from bunraku.rotations import vectors_to_matrices, vertical_turn
 from bunraku.types import Mesh
 
 STIFFNESS = 10.0 ** np.linspace(-5, -8.5, 8)  # of the non-rigid steps
+GOOD_COARSE = 0.12  # misfit below which no further start is tried
+POOR_COARSE = 0.2  # misfit above which the proportions themselves are doubted
 REFIT = Stage(4, 0, 0.0, 1.0, 1.0, 1e-5, 1e-4)  # of the rig to a freed surface
 
 
@@ -31,6 +33,15 @@ class Registration:
     fitted: Float[np.ndarray, "vertices 3"]  # the source's proxy on the figure, in its metres
     error: float  # misfit of the articulated puppet, 0 perfect, 2 nowhere near
     others: tuple[float, ...]  # misfit of the other starts, best first
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A pose under trial, the proportions that cost it nothing, and its misfit."""
+
+    pose: Pose
+    build: Float[np.ndarray, "joints 2"]  # log-scales, as a pose's
+    error: float
 
 
 def heading_starts(puppet: Puppet, count: int = 6) -> list[Pose]:
@@ -54,56 +65,77 @@ def posed_start(
     return Pose(heading @ puppet.anchors[0], np.swapaxes(above, 1, 2) @ world, np.zeros((count, 2)))
 
 
+def coarse_candidate(puppet: Puppet, surface: Surface, start: Pose) -> Candidate:
+    """Fit a start coarsely, in the source's own proportions."""
+    pose = fit(puppet, start, surface, COARSE)
+    return Candidate(pose, np.zeros_like(pose.scales), fit_error(puppet, pose, surface))
+
+
 def likely_moments(
-    puppet: Puppet,
-    moments: Float[np.ndarray, "moments all_joints 3 3"],
-    surface: Surface,
-    *,
-    keep: int = 4,
+    body: Body, surface: Surface, headings: list[Float[np.ndarray, "3 3"]], *, keep: int = 4
 ) -> list[Pose]:
     """Choose the moments of the source's clips that already look most like the figure.
 
-    Each is turned to every heading, centred on the figure and judged as it is, without a fit.
+    Each is turned to the headings, centred on the figure and judged as it is, without a fit.
     """
+    puppet = body.puppet
     samples = puppet.samples[:400]
     middle = surface.vertices[surface.samples].mean(axis=0)
     judged = []
-    for heading in heading_starts(puppet):
-        for moment in moments:
-            pose = posed_start(puppet, moment, heading.rotations[0])
+    for heading in headings:
+        for moment in body.moments:
+            pose = posed_start(puppet, moment, heading)
             moved, normals = move_puppet(puppet, pose, samples)
             shift = middle - moved.mean(axis=0)
             error = misfit((moved + shift, normals), samples, surface, width=0.2)
             judged.append((error, replace(pose, root=pose.root + shift)))
-    return [pose for _, pose in sorted(judged, key=misfit_of)[:keep]]
+    return [pose for _, pose in sorted(judged, key=lambda entry: entry[0])[:keep]]
 
 
-def choose_start(
-    puppet: Puppet,
-    surface: Surface,
-    starts: Iterable[Pose],
-    *,
-    keep: int = 2,
-    schedule: tuple[Stage, ...] = COARSE,
-) -> list[tuple[float, Pose]]:
-    """Fit every start coarsely, the best few finely; give them with their misfits, best first."""
-    coarse = [fit(puppet, start, surface, schedule) for start in starts]
-    ranked = sorted(((fit_error(puppet, pose, surface), pose) for pose in coarse), key=misfit_of)
-    fine = [fit(puppet, pose, surface, FINE) for _, pose in ranked[:keep]]
-    judged = [(fit_error(puppet, pose, surface), pose) for pose in fine]
-    return sorted(judged, key=misfit_of) + ranked[keep:]
+def stretched_candidates(puppet: Puppet, surface: Surface) -> list[Candidate]:
+    """Give the starts for other proportions, one a quarter turn."""
+    poses = [reach_tips(puppet, surface, heading) for heading in QUARTERS]
+    return [Candidate(p, p.scales, fit_error(puppet, p, surface)) for p in poses]
 
 
-def misfit_of(judged: tuple[float, Pose]) -> float:
-    """Give the misfit of a judged pose."""
-    return judged[0]
+def find_candidates(body: Body, surface: Surface) -> list[Candidate]:
+    """Fit starts coarsely, more of them the worse they fit; best first.
+
+    At rest under every heading; as in the source's clips, facing as the best of those; stretched
+    to the figure's limb tips.
+    """
+    puppet = body.puppet
+    found = [coarse_candidate(puppet, surface, start) for start in heading_starts(puppet)]
+    found.sort(key=doubt)
+    if found[0].error > GOOD_COARSE:
+        faced = [vertical_turn(candidate.pose.rotations[0]) for candidate in found[:2]]
+        moments = likely_moments(body, surface, faced)
+        found += [coarse_candidate(puppet, surface, start) for start in moments]
+    best = sorted(found, key=doubt)[:2]
+    if best[0].error > POOR_COARSE:
+        best += sorted(stretched_candidates(puppet, surface), key=doubt)[:2]
+    fine = [refine_candidate(puppet, surface, candidate) for candidate in best]
+    return sorted(fine, key=doubt)
+
+
+def refine_candidate(puppet: Puppet, surface: Surface, candidate: Candidate) -> Candidate:
+    """Fit a candidate finely, in its own proportions."""
+    pose = fit(puppet, candidate.pose, surface, FINE, build=candidate.build)
+    return Candidate(pose, candidate.build, fit_error(puppet, pose, surface))
+
+
+def doubt(candidate: Candidate) -> float:
+    """Rank candidates by misfit; files face +Z, so one facing back must fit a tenth better."""
+    turned = candidate.pose.rotations[0]
+    forward = (turned[0, 0] + turned[2, 2]) / 2
+    return candidate.error * (1.0 + 0.05 * (1.0 - float(np.clip(forward, -1.0, 1.0))))
 
 
 def refit(puppet: Puppet, pose: Pose, vertices: Float[np.ndarray, "vertices 3"]) -> Pose:
     """Pose the rig as the freed surface lies, vertex by vertex."""
     freed = make_surface(vertices, puppet.faces)
     samples = puppet.samples[:1200]
-    pairs = Pairs(samples, samples, np.zeros(len(samples)))
+    pairs = pin(samples, samples, 1.0)
     for _ in range(REFIT.steps):
         pose = gauss_newton_step(puppet, pose, freed, pairs, REFIT)
     return pose
@@ -123,8 +155,8 @@ def free_from_rig(
 def register_body(body: Body, figure: Mesh) -> Registration:
     """Bring a character's proxy onto a figure's from the best of many starts."""
     vertices, centre, scale = scale_to_unit_area(figure.vertices, figure.faces)
-    surface, puppet = make_surface(vertices, figure.faces), body.puppet
-    starts = heading_starts(puppet) + likely_moments(puppet, body.moments, surface)
-    (error, pose), *others = choose_start(puppet, surface, starts)
-    pose, freed = free_from_rig(puppet, pose, surface)
-    return Registration(pose, freed * scale + centre, error, tuple(e for e, _ in others))
+    surface = make_surface(vertices, figure.faces)
+    best, *others = find_candidates(body, surface)
+    pose, freed = free_from_rig(body.puppet, best.pose, surface)
+    misses = tuple(other.error for other in others)
+    return Registration(pose, freed * scale + centre, best.error, misses)

@@ -14,11 +14,16 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from bunraku.graphs import descendants, parents_first
+from bunraku.graphs import descendants, root_first
 from bunraku.registration.body import Body
 from bunraku.registration.puppet import Pose, move_puppet
 from bunraku.reposing.energy import local_turns, place_joints, recover_rest_pose
-from bunraku.rotations import matrices_to_vectors, rotation_angles, vectors_to_matrices
+from bunraku.rotations import (
+    matrices_to_vectors,
+    rotation_angles,
+    vectors_to_matrices,
+    vertical_turn,
+)
 from bunraku.types import NO_PARENT
 
 
@@ -55,27 +60,27 @@ def repose(
         joints, body.joints, carriers, surface_turns=surface_turns, trust=trust
     )
     turns = np.swapaxes(found, 1, 2)
-    heading = vertical_turn(turns[body.puppet.joints[0]])
+    heading = nearby_quarter(vertical_turn(turns[body.puppet.joints[0]]))
     turns = heading.T @ turns
     posed, share = believe_turns(body, turns, misfit=misfit)
     turns = scale_turns(turns, carriers, share)
     undo = local_turns(np.swapaxes(turns, 1, 2), carriers)
-    root = joints[parents_first(carriers)[0]]
+    root = joints[root_first(carriers)[0]]
     ahead = (joints - root) @ heading  # all of it, other roots included, to the source's front
     places, _ = place_joints(ahead, carriers, undo, root)
     return Reposed(joints, turns, heading, places, posed)
 
 
-def vertical_turn(rotation: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
-    """Give the part of a rotation that turns about the vertical; a figure's heading.
+def nearby_quarter(heading: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
+    """Snap a heading to a quarter turn within 30 degrees of it.
 
-    Within 30 degrees of a quarter turn it is that quarter turn: figures are modelled along the
-    axes, and what is left belongs to the pose.
+    Figures are modelled along the axes; what is left belongs to the pose.
     """
-    yaw = np.arctan2(rotation[0, 2] - rotation[2, 0], rotation[0, 0] + rotation[2, 2])
+    yaw = float(np.arctan2(heading[0, 2], heading[0, 0]))
     quarter = np.round(yaw / (np.pi / 2)) * (np.pi / 2)
-    chosen = quarter if abs(yaw - quarter) < np.deg2rad(30) else yaw
-    return vectors_to_matrices(np.array([0.0, chosen, 0.0]))
+    if abs(yaw - quarter) > np.deg2rad(30):
+        return heading
+    return vectors_to_matrices(np.array([0.0, quarter, 0.0]))
 
 
 def believe_turns(

@@ -7,7 +7,7 @@ limitation the paper names: twist about a bone, invisible in joints, is read off
 import numpy as np
 from jaxtyping import Float, Int
 
-from bunraku.graphs import descendants, parents_first
+from bunraku.graphs import descendants, root_first
 from bunraku.rotations import matrices_to_vectors, vectors_to_matrices
 from bunraku.types import NO_PARENT
 
@@ -23,7 +23,7 @@ def goal_joints(
 ) -> Float[np.ndarray, "joints 3"]:
     """Build the goal skeleton: the source's bone directions with the figure's bone lengths."""
     goal = joints.copy()
-    for joint in parents_first(parents):
+    for joint in root_first(parents):
         parent = parents[joint]
         if parent != NO_PARENT:
             bone = rest[joint] - rest[parent]
@@ -40,7 +40,7 @@ def place_joints(
 ) -> tuple[Float[np.ndarray, "joints 3"], Float[np.ndarray, "joints 3 3"]]:
     """Turn every joint of a skeleton in its parent's frame; give places and world turns."""
     world, placed = turns.copy(), joints + shift
-    for joint in parents_first(parents):
+    for joint in root_first(parents):
         parent = parents[joint]
         if parent != NO_PARENT:
             world[joint] = world[parent] @ turns[joint]
