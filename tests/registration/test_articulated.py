@@ -103,7 +103,7 @@ def test_steps_with_the_right_pairs_recover_turns_and_scales(puppet, rng):
     pairs = Pairs(samples, samples, np.zeros(len(samples)))
     pose = rest_pose(puppet)
     for _ in range(12):
-        stage = Stage(1, 0, 0.0, 1.0, 1.0, 1e-9, 1e-9)
+        stage = replace(COARSE[0], width=1.0, points=1.0, turns=1e-9, scales=1e-9)
         pose = gauss_newton_step(puppet, pose, surface, pairs, stage)
     moved, _ = move_puppet(puppet, pose)
     assert degrees_between(puppet, pose, truth).max() < 0.05
