@@ -298,6 +298,8 @@ def test_signs_find_a_posed_body_without_any_heading(source, target):
         for start in starts
     ]
     assert min(errors) < np.radians(30)
+    for start in starts:  # mirrored candidates were composed with the source's mirror map
+        assert volume_ratio(source, target, fit_map(source, target, start.matched, 20)) > 0
 
 
 def test_a_posed_turned_and_scaled_body_is_matched(source_mesh, target_mesh, target_character):
