@@ -1,7 +1,11 @@
 """Polygons cut into triangles: fans where that is right, ears where a polygon bends inwards."""
 
+from itertools import pairwise
+
 import numpy as np
 from jaxtyping import Float, Int
+
+MOST_CORNERS = 256  # of a polygon whose ears are cut, which takes the cube of them at worst
 
 
 def triangulate(
@@ -25,6 +29,8 @@ def triangulate(
     first = starts[:-1][polygon_of]
     faces = np.column_stack([first, first + step + 1, first + step + 2])
     for polygon in _concave(positions[corners], starts, faces, polygon_of):
+        if counts[polygon] > MOST_CORNERS:
+            continue
         places = np.arange(starts[polygon], starts[polygon + 1])
         inside = slice(*np.searchsorted(polygon_of, [polygon, polygon + 1]))
         faces[inside] = places[_cut_ears(positions[corners[places]])]
@@ -58,7 +64,9 @@ def _cut_ears(points: Float[np.ndarray, "corners 3"]) -> Int[np.ndarray, "triang
     left = list(range(len(points)))
     ears = []
     while len(left) > 3:
-        ear = next((i for i in range(len(left)) if _is_ear(flat, left, i, turn)), 1)
+        ear = next((i for i in range(len(left)) if _is_ear(flat, left, i, turn)), -1)
+        if ear < 0:  # every simple polygon has one, so this one crosses itself
+            return np.array([*ears, *([left[0], *pair] for pair in pairwise(left[1:]))])
         ears.append([left[ear - 1], left[ear], left[(ear + 1) % len(left)]])
         del left[ear]
     return np.array([*ears, left])

@@ -52,3 +52,17 @@ def test_no_polygons_give_no_triangles():
     faces, polygon = triangulate(np.empty((0, 3)), np.empty(0, np.int64), np.array([0]))
     assert faces.shape == (0, 3)
     assert polygon.shape == (0,)
+
+
+def test_a_polygon_that_crosses_itself_ends_as_some_triangles(rng):
+    points = rng.normal(size=(250, 3)) * [1, 1, 0]
+    faces, _ = triangulate(points, np.arange(250), np.array([0, 250]))
+    assert len(faces) == 248
+    assert faces.min() == 0
+    assert faces.max() == 249
+
+
+def test_a_huge_concave_polygon_is_a_fan_soon(rng):
+    points = rng.normal(size=(3000, 3))
+    faces, _ = triangulate(points, np.arange(3000), np.array([0, 3000]))
+    assert (faces[:, 0] == 0).all()
