@@ -5,12 +5,14 @@ from dataclasses import dataclass
 import igl
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.spatial import cKDTree
 
 from bunraku import meshes
-from bunraku.proxy import closed, solids, surfaces, voxels
+from bunraku.proxy import closed, clouds, solids, surfaces, voxels
 from bunraku.types import Mesh
 
 MOST_FACES = 200_000  # of a figure that is looked at in full
+MOST_POINTS = 30_000  # of a cloud that is looked at in full
 THICKNESS = 1.8  # of a surface without inside, in cells: no node spacing slips through
 
 
@@ -23,6 +25,17 @@ class Proxy:
     barycentric: Float[np.ndarray, "vertices 3"]  # their shares
 
 
+@dataclass(frozen=True, eq=False)
+class Soup:
+    """Points of a figure's surface, in whatever form it came, and how it winds around others."""
+
+    points: Float[np.ndarray, "points 3"]
+    normals: Float[np.ndarray, "points 3"]
+    winding: voxels.Winding
+    distance: surfaces.Distance
+    spacing: float = 0.0  # metres between neighbouring points, if there are no others
+
+
 def build_proxy(
     vertices: Float[np.ndarray, "vertices 3"],
     faces: Int[np.ndarray, "faces 3"],
@@ -33,69 +46,108 @@ def build_proxy(
 
     Args:
         vertices: the figure, as stored.
-        faces: its triangles.
-        vertex_count: vertices that the proxy should have, about.
+        faces: its triangles; none for a point cloud.
+        vertex_count: vertices that the proxy should have, about. A closed figure of one part that
+            has half to double as many is its own proxy.
 
     Returns:
-        the proxy, and where each of `vertices`, unwelded, lies on it.
+        the proxy, and where each of `vertices`, unwelded, lies on it; equal places lie equally.
+
+    Raises:
+        ValueError: if the figure has no extent.
     """
     welded, kept, welded_of = meshes.weld(vertices, faces)
-    figure = Mesh(welded, kept)
-    if len(kept) > MOST_FACES:
+    if len(welded) < 4 or (np.ptp(welded, axis=0) == 0).sum() > 1:
+        raise ValueError(
+            f"a figure needs a surface, but its {len(vertices)} vertices lie on a line or a point"
+        )
+    mesh = build_mesh(Mesh(welded, kept), vertex_count)
+    face, barycentric, _ = meshes.closest_points(welded, mesh.vertices, mesh.faces)
+    return Proxy(mesh, mesh.faces[face][welded_of], barycentric[welded_of])
+
+
+def build_mesh(figure: Mesh, vertex_count: int) -> Mesh:
+    """Take the figure's own closed body if it has one, else wrap it anew."""
+    if meshes.surface_area(figure.vertices, figure.faces) <= 0:
+        return wrap(soup_of_points(figure.vertices), vertex_count)
+    if len(figure.faces) > MOST_FACES:
         figure = closed.simplify(figure, MOST_FACES)
     body = closed.closed_body(figure)
     mesh = None if body is None else closed.resample(body, vertex_count)
-    if mesh is None:
-        mesh = wrap(figure, vertex_count)
-    face, barycentric, _ = meshes.closest_points(welded, mesh.vertices, mesh.faces)
-    return Proxy(mesh, mesh.faces[face][welded_of], barycentric[welded_of])
+    return wrap(soup_of_faces(figure), vertex_count) if mesh is None else mesh
+
+
+def soup_of_faces(figure: Mesh, *, samples: int = 200_000) -> Soup:
+    """Draw points from a mesh, its parts turned to face outwards."""
+    faces = face_outwards(figure.vertices, figure.faces)
+    rng = np.random.default_rng(0)
+    face, barycentric = meshes.sample_surface(figure.vertices, faces, samples, rng)
+    normals = meshes.face_normals(figure.vertices, faces)[face]
+    return Soup(
+        meshes.interpolate(figure.vertices, faces[face], barycentric),
+        normals / np.linalg.norm(normals, axis=1, keepdims=True),
+        lambda points: igl.fast_winding_number(figure.vertices, faces, points),
+        lambda points: meshes.closest_points(points, figure.vertices, faces)[2],
+    )
+
+
+def soup_of_points(points: Float[np.ndarray, "points 3"]) -> Soup:
+    """Take a point cloud as small discs, at most MOST_POINTS of them, turned to face outwards."""
+    rng = np.random.default_rng(0)
+    if len(points) > MOST_POINTS:
+        points = points[np.sort(rng.choice(len(points), MOST_POINTS, replace=False))]
+    tree = cKDTree(points)
+    apart = clouds.spacings(points, tree)
+    spacing, areas = float(np.median(apart)), np.pi * apart**2 / 6
+    normals = clouds.oriented_normals(points, tree, spacing)
+
+    def distance(places: Float[np.ndarray, "places 3"]) -> Float[np.ndarray, " places"]:
+        nearest = tree.query(places)[1]
+        return np.abs(np.einsum("pc,pc->p", places - points[nearest], normals[nearest]))
+
+    return Soup(
+        points,
+        normals,
+        lambda places: igl.fast_winding_number(points, normals, areas, places),
+        distance,
+        spacing,
+    )
 
 
 def face_outwards(
     vertices: Float[np.ndarray, "vertices 3"], faces: Int[np.ndarray, "faces 3"]
 ) -> Int[np.ndarray, "faces 3"]:
     """Turn every part of a mesh so that its faces agree and look away from its middle."""
-    turned, patch = igl.bfs_orient(np.ascontiguousarray(faces))
-    turned = turned.astype(np.int64)  # from C "long long", which the shape checker refuses
-    first, second, third = vertices[turned].transpose(1, 0, 2)
+    oriented, patch = igl.bfs_orient(np.ascontiguousarray(faces))
+    turned = oriented.astype(np.int64)  # from C "long long", which the shape checker refuses
     count = int(patch.max()) + 1
-    middle = (
-        np.stack(
-            [np.bincount(patch, vertices[turned].mean(axis=1)[:, i], count) for i in range(3)],
-            axis=1,
-        )
-        / np.bincount(patch, minlength=count)[:, None]
-    )
-    first, second, third = first - middle[patch], second - middle[patch], third - middle[patch]
+    corners = vertices[turned]
+    sizes = np.bincount(patch, minlength=count)
+    middle = [np.bincount(patch, corners[:, :, i].mean(axis=1), count) / sizes for i in range(3)]
+    first, second, third = (corners - np.stack(middle, axis=1)[patch][:, None]).transpose(1, 0, 2)
     volume = np.bincount(patch, np.einsum("fc,fc->f", first, np.cross(second, third)), count)
     return np.where((volume < 0)[patch][:, None], turned[:, ::-1], turned)
 
 
-def fitting_grid(samples: Float[np.ndarray, "samples 3"], touched: int) -> voxels.Grid:
-    """Choose the cell so that the surface touches about this many nodes."""
+def fitting_grid(
+    samples: Float[np.ndarray, "samples 3"], touched: int, spacing: float
+) -> voxels.Grid:
+    """Choose the cell so that the surface touches about this many nodes, yet no finer than it."""
     coarse = voxels.grid_around(samples, 64)
     count = int(voxels.touched_nodes(samples, coarse).sum())
-    cells = int(np.clip(64 * np.sqrt(touched / count), 48, 160))
-    return voxels.grid_around(samples, cells)
+    cells = float(np.clip(64 * np.sqrt(touched / count), 48, 160))
+    if spacing > 0:
+        cells = min(cells, float(np.ptp(samples, axis=0).max()) / spacing)
+    return voxels.grid_around(samples, max(int(cells), 8))
 
 
-def wrap(figure: Mesh, vertex_count: int) -> Mesh:
+def wrap(soup: Soup, vertex_count: int) -> Mesh:
     """Triangulate the border of the figure's solid anew, with about this many vertices."""
-    figure = Mesh(figure.vertices, face_outwards(figure.vertices, figure.faces))
-    rng = np.random.default_rng(0)
-    face, barycentric = meshes.sample_surface(figure.vertices, figure.faces, 200_000, rng)
-    samples = meshes.interpolate(figure.vertices, figure.faces[face], barycentric)
-    grid = fitting_grid(samples, 8 * vertex_count)
-    normals = meshes.face_normals(figure.vertices, figure.faces)[face]
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-
-    def winding(points: Float[np.ndarray, "points 3"]) -> Float[np.ndarray, " points"]:
-        return igl.fast_winding_number(figure.vertices, figure.faces, points)
-
-    inside = voxels.inside_nodes(winding, samples, grid)
-    sheet = voxels.sheet_samples(samples, normals, inside, grid)
+    grid = fitting_grid(soup.points, 8 * vertex_count, soup.spacing)
+    inside = voxels.inside_nodes(soup.winding, soup.points, grid)
+    sheet = voxels.sheet_samples(soup.points, soup.normals, inside, grid)
     solid = solids.solid_nodes(voxels.thicken(inside, sheet, grid, THICKNESS))
-    field = surfaces.signed_distance(solid, figure, sheet, grid, THICKNESS)
+    field = surfaces.signed_distance(solid, soup.distance, sheet, grid, THICKNESS)
     fine = surfaces.march(field, grid)
     coarse = closed.collapse_short_edges(fine, vertex_count)
-    return fine if coarse is None else coarse
+    return coarse if coarse is not None and closed.is_clean(coarse) else fine

@@ -3,11 +3,13 @@
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
 
-from bunraku import meshes
+from bunraku import graphs, meshes
 from bunraku.proxy.building import Proxy
 
 SEAM = 5e-4  # parts nearer than this share of the longest extent hang together
+HIDDEN = 0.0075  # depth under the proxy, as a share of the longest extent, that hides a vertex
 DUST = 1e-4  # share of the area below which a part is no accessory, only a scrap of a surface
 BODY = 0.35  # share of the area above which a part is no accessory, but the body or its clothes
 
@@ -39,6 +41,9 @@ def lift_weights(
     if not len(faces):
         return lifted
     part, areas = hanging_parts(vertices, faces)
+    depth = np.linalg.norm(vertices - lift(proxy, proxy.mesh.vertices), axis=1)
+    hidden = depth > HIDDEN * np.ptp(vertices, axis=0).max()
+    lifted = lifted[nearest_seen(vertices, faces, hidden)]
     count = int(part.max()) + 1
     part_areas = np.bincount(part, areas, count)
     mean = (
@@ -51,6 +56,37 @@ def lift_weights(
     rigid = whole[part]
     lifted[rigid] = sharpen(mean)[part[rigid]]
     return lifted
+
+
+def nearest_seen(
+    vertices: Float[np.ndarray, "vertices 3"],
+    faces: Int[np.ndarray, "faces 3"],
+    hidden: Bool[np.ndarray, " vertices"],
+) -> Int[np.ndarray, " vertices"]:
+    """Give each hidden vertex the nearest one, along the surface, that is not; others themselves.
+
+    The end of an arm that is stuck into a jacket belongs to the arm, whatever skin is near it. A
+    part that is hidden whole keeps its own.
+    """
+    nearest = np.arange(len(vertices))
+    if not hidden.any():
+        return nearest
+    welded, kept, welded_of = meshes.weld(vertices, faces)
+    below = np.ones(len(welded), bool)
+    below[welded_of[~hidden]] = False
+    edges = graphs.mesh_edges(kept[below[kept].any(axis=1)])
+    lengths = np.maximum(graphs.edge_lengths(welded, edges), 1e-300)
+    graph = graphs.adjacency(edges, lengths, len(welded))
+    rim = np.unique(edges[~below[edges]])
+    if not len(rim):
+        return nearest
+    _, _, sources = dijkstra(
+        graph, directed=False, indices=rim, min_only=True, return_predecessors=True
+    )
+    someone = np.empty(len(welded), np.int64)
+    someone[welded_of] = nearest
+    seen = np.where(below & (sources >= 0), sources, np.arange(len(welded)))
+    return np.where(hidden, someone[seen[welded_of]], nearest)
 
 
 def _sum_parts(
@@ -98,10 +134,11 @@ def moves_as_whole(
         extent: longest side, as a share of the figure's.
     """
     ruled = (mean.max(axis=1) >= 0.7) | (extent <= 0.1)
-    return (share >= DUST) & (share <= BODY) & ((spread <= 0.1) | (ruled & (spread <= 0.25)))
+    alike = (spread <= 0.1) | (ruled & (spread <= 0.3)) | ((extent <= 0.03) & (spread <= 0.45))
+    return (share >= DUST) & (share <= BODY) & alike
 
 
 def sharpen(mean: Float[np.ndarray, "parts joints"]) -> Float[np.ndarray, "parts joints"]:
     """Let the joint that rules a part rule it more: a hat on a head does not follow the neck."""
-    squared = mean**2
-    return squared / np.maximum(squared.sum(axis=1, keepdims=True), 1e-300)
+    cubed = mean**3
+    return cubed / np.maximum(cubed.sum(axis=1, keepdims=True), 1e-300)

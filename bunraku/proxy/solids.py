@@ -7,6 +7,7 @@ from scipy.spatial import cKDTree
 
 from bunraku.proxy.voxels import dilate, erode
 
+MOST_PLUG = 500  # nodes, for gaps of two: what fills more than a tunnel is no plug
 MOST_PIECES = 64  # loose pieces looked at, largest first
 
 
@@ -88,12 +89,38 @@ def plug_tunnels(solid: Bool[np.ndarray, "x y z"], steps: int) -> Bool[np.ndarra
 
     Gaps between limbs stay open: to fill them removes no handle.
     """
+    if characteristic(solid) >= 1:
+        return solid
     added = erode(dilate(solid, steps), steps) & ~solid
     pieces, count = ndimage.label(added, np.ones((3, 3, 3)))
     if not count:
         return solid
     gain = _lost_handles(solid, added, pieces, count)
-    return solid | (gain > 0.5)[pieces]
+    sizes = np.bincount(pieces.ravel(), minlength=count + 1)
+    return solid | ((gain > 0.5) & (sizes < MOST_PLUG * steps**2 * gain))[pieces]
+
+
+def characteristic(solid: Bool[np.ndarray, "x y z"]) -> float:
+    """Count pieces - handles + cavities: 1 for a plain lump."""
+    _, low = _cubes_around(np.argwhere(solid & ~erode(solid)), solid.shape)
+    return float(_SHARES[_corner_bits(solid, low)].sum())
+
+
+def _cubes_around(
+    nodes: Int[np.ndarray, "nodes 3"], shape: tuple[int, ...]
+) -> tuple[Int[np.ndarray, " cubes"], Int[np.ndarray, "cubes 3"]]:
+    """List the 2x2x2 cubes that touch some nodes: one (node, corner) of each, its lowest node."""
+    around = (nodes[:, None] - _CORNERS).reshape(-1, 3)
+    cubes, first = np.unique(np.ravel_multi_index(tuple(around.T), shape), return_index=True)
+    return first, np.stack(np.unravel_index(cubes, shape), axis=1)
+
+
+def _corner_bits(
+    solid: Bool[np.ndarray, "x y z"], low: Int[np.ndarray, "cubes 3"]
+) -> Int[np.ndarray, " cubes"]:
+    """Code which of a cube's eight corners are marked as a number below 256."""
+    corners = tuple((low[:, None] + _CORNERS).reshape(-1, 3).T)
+    return solid[corners].reshape(-1, 8) @ (1 << np.arange(8))
 
 
 def _lost_handles(
@@ -104,15 +131,9 @@ def _lost_handles(
 ) -> Float[np.ndarray, " pieces"]:
     """Give the rise of the Euler characteristic by each added piece; entry 0 is nobody's."""
     nodes = np.argwhere(added)
-    cubes = np.ravel_multi_index(tuple((nodes[:, None] - _CORNERS).reshape(-1, 3).T), solid.shape)
     owners = np.repeat(pieces[tuple(nodes.T)], 8)
-    cubes, first = np.unique(cubes, return_index=True)
-    low = np.stack(np.unravel_index(cubes, solid.shape), axis=1)
-    corners = tuple((low[:, None] + _CORNERS).reshape(-1, 3).T)
-    bits = 1 << np.arange(8)
-    before = solid[corners].reshape(-1, 8)
-    after = before | added[corners].reshape(-1, 8)
-    rise = _SHARES[after @ bits] - _SHARES[before @ bits]
+    first, low = _cubes_around(nodes, solid.shape)
+    rise = _SHARES[_corner_bits(solid | added, low)] - _SHARES[_corner_bits(solid, low)]
     return np.bincount(owners[first], rise, count + 1)
 
 

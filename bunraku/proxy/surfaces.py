@@ -1,19 +1,22 @@
 """From marked grid nodes back to a surface: signed distance, marching cubes."""
 
+from collections.abc import Callable
+
 import igl
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial import cKDTree
 
-from bunraku import meshes
 from bunraku.proxy.solids import cube_corners
 from bunraku.proxy.voxels import Grid, dilate, erode
 from bunraku.types import Mesh
 
+Distance = Callable[[Float[np.ndarray, "points 3"]], Float[np.ndarray, " points"]]
+
 
 def signed_distance(
     solid: Bool[np.ndarray, "x y z"],
-    figure: Mesh,
+    distance_to: Distance,
     sheet: Float[np.ndarray, "sheet 3"],
     grid: Grid,
     thickness: float,
@@ -24,7 +27,7 @@ def signed_distance(
     """
     nodes = np.argwhere(dilate(solid) & ~erode(solid))
     points = grid.points(nodes)
-    distance = meshes.closest_points(points, figure.vertices, figure.faces)[2] / grid.cell
+    distance = distance_to(points) / grid.cell
     within = solid[tuple(nodes.T)]
     level = np.where(within, -distance, distance)
     if len(sheet):

@@ -80,7 +80,8 @@ def inside_nodes(
             inside = every
         nodes = np.argwhere(asked)
         inside[tuple(nodes.T)] = np.abs(winding(coarse.points(nodes))) > 0.5
-    return inside
+    rim = np.pad(np.zeros(np.array(grid.shape) - 2, bool), 1, constant_values=True)
+    return inside & ~rim
 
 
 def _between(mask: Bool[np.ndarray, "x y z"], join: np.ufunc) -> Bool[np.ndarray, "x2 y2 z2"]:
@@ -107,7 +108,7 @@ def dilate(mask: Bool[np.ndarray, "x y z"], steps: int = 1) -> Bool[np.ndarray, 
 
 def erode(mask: Bool[np.ndarray, "x y z"], steps: int = 1) -> Bool[np.ndarray, "x y z"]:
     """Keep what lies at least so many nodes within the marked, diagonals included."""
-    return ~dilate(~mask, steps)
+    return ndimage.minimum_filter(mask.view(np.uint8), 2 * steps + 1, mode="constant").view(bool)
 
 
 def sheet_samples(
