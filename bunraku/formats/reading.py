@@ -38,14 +38,15 @@ def read_figure(path: Location, *, up: str | None = None, facing: str | None = N
         raise FormatError(path, "", f"is a BVH motion, not a figure; wanted {WANTED}")
     up = up or _up_beside(facing)
     if kind == "gltf":
-        turn = np.eye(4)
-        turn[:3, :3] = world_from_axes(up or "y", facing)
-        return gltf.read_figure(path, content, world_from_file=turn)
+        world_from_file = np.eye(4)
+        world_from_file[:3, :3] = world_from_axes(up or "y", facing)
+        return gltf.read_figure(path, content, world_from_file=world_from_file)
     pieces, materials = read_pieces(path, content, kind)
     if up is None:
         up = guess_up(merge_pieces(pieces), kind)
         logger.info("%s: %s is taken as up", path, up)
-    turned = [turn_piece(piece, world_from_axes(up, facing)) for piece in pieces]
+    turn = world_from_axes(up, facing)
+    turned = [turn_piece(piece, turn) for piece in pieces]
     return gltf.read_figure(path, encode_pieces(turned, materials))
 
 
