@@ -332,6 +332,12 @@ def test_bodies_with_holes_are_matched(source_mesh, target_mesh, target_characte
     assert np.linalg.norm(gap[kept], axis=1).mean() < 0.03
 
 
+def test_a_point_cloud_is_matched(source_mesh, target_mesh, target_character):
+    cloud = Mesh(target_mesh.vertices, np.zeros((0, 3), np.int64))
+    found = match_surfaces(source_mesh, cloud, modes=40)
+    assert place_error(source_mesh, target_character, found.point_map) < 0.04
+
+
 def test_an_unlike_surface_scores_badly(source_mesh, caplog):
     ball = trimesh.creation.icosphere(subdivisions=3)
     with caplog.at_level(logging.INFO):
@@ -345,3 +351,8 @@ def test_an_unlike_surface_scores_badly(source_mesh, caplog):
 def test_a_surface_too_small_for_its_modes_is_refused(cube, source_mesh):
     with pytest.raises(ValueError, match="100 eigenfunctions need more than 100 vertices"):
         match_surfaces(source_mesh, cube)
+
+
+def test_too_few_modes_are_refused(source_mesh):
+    with pytest.raises(ValueError, match="modes must be at least 20 to tell limbs apart, got 12"):
+        match_surfaces(source_mesh, source_mesh, modes=12)

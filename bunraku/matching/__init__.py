@@ -25,11 +25,12 @@ from bunraku.matching.starts import (
     start_from_headings,
     start_from_signs,
 )
-from bunraku.matching.surfaces import Surface, prepare_surface
+from bunraku.matching.surfaces import Surface, prepare_surface, without_faces
 from bunraku.spectral import Basis
 from bunraku.types import Mesh
 
 __all__ = ["FunctionalMap", "mapped_coordinates", "match_surfaces", "prepare_surface", "zoom_out"]
+FEWEST_MODES = SIZES[-1]
 LOGGER = logging.getLogger(__name__)
 Vector = Float[np.ndarray, "3"]
 Ranked = list[tuple[Alignment, Judgement]]
@@ -65,9 +66,9 @@ def match_surfaces(
     down, and from eigenfunction signs and signatures too. Nothing is random.
 
     Args:
-        source: in its rest pose, standing upright.
-        target: in any pose.
-        modes: functions of each basis, and size of the map.
+        source: in its rest pose, standing upright; closed or not, of any size.
+        target: in any pose; without faces, a point cloud (then sides may be swapped unseen).
+        modes: functions of each basis, and size of the map, 20 or more.
         up: the upward direction of both.
         sure: score below which the first starts are enough.
 
@@ -75,14 +76,18 @@ def match_surfaces(
         the map, refined on all vertices, and the judgement of the candidate it grew from.
 
     Raises:
-        ValueError: if a mesh has too few vertices for `modes` functions, or no area.
+        ValueError: if `modes` is below 20, or a mesh has too few vertices for it, or no area.
     """
+    if modes < FEWEST_MODES:
+        raise ValueError(f"modes must be at least {FEWEST_MODES} to tell limbs apart, got {modes}")
     with threadpool_limits(1):  # the products are small: threads only get in each other's way
         first, second = (prepare_surface(mesh, modes=modes) for mesh in (source, target))
+        if not (len(source.faces) and len(target.faces)):
+            first, second = without_faces(first), without_faces(second)
         ranked = search_starts(first, second, np.array(up, np.float64), sure=sure)
         best, judgement = ranked[0]
         LOGGER.info("map from %s, score %.3f", best.origin, judgement.total)
-        start = fit_map(first, second, best.matched, min(SIZES[-1], modes))
+        start = fit_map(first, second, best.matched, SIZES[-1])
         points = points_from_map(first.basis, second.basis, start)
         sizes = [*range(SIZES[-1], modes, 10), modes]
         matrix, points = zoom_out(first.basis, second.basis, points, sizes=sizes)

@@ -1,13 +1,13 @@
 """A mesh made ready for matching: scaled to area 1, with normals, basis and spread samples."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
 from bunraku.meshes import farthest_points, surface_area, vertex_normals
-from bunraku.spectral import Basis, eigenbasis
+from bunraku.spectral import Basis, eigenbasis, laplacian
 from bunraku.types import Mesh
 
 
@@ -32,17 +32,34 @@ def prepare_surface(mesh: Mesh, *, modes: int, samples: int = 600) -> Surface:
     """
     basis = eigenbasis(mesh.vertices, mesh.faces, count=modes)
     centre = basis.mass @ mesh.vertices
-    scale = np.sqrt(surface_area(mesh.vertices, mesh.faces)) if len(mesh.faces) else 1.0
-    vertices = (mesh.vertices - centre) / scale
+    if len(mesh.faces):
+        area = surface_area(mesh.vertices, mesh.faces)
+    else:
+        area = float(laplacian(mesh.vertices, mesh.faces)[1].sum())
+    vertices = (mesh.vertices - centre) / np.sqrt(area)
     chosen = farthest_points(vertices, samples)
     sampled = np.zeros(len(vertices), bool)
     sampled[chosen] = True
     return Surface(
         vertices,
         mesh.faces,
-        vertex_normals(vertices, mesh.faces),
+        normals_of(vertices, mesh.faces),
         basis,
         chosen,
         np.bincount(KDTree(vertices[chosen]).query(vertices)[1], basis.mass, len(chosen)),
         mesh.faces[sampled[mesh.faces].any(axis=1)],
     )
+
+
+def without_faces(surface: Surface) -> Surface:
+    """Forget faces and normals, to compare a surface with a point cloud on equal terms."""
+    none = np.zeros((0, 3), np.int64)
+    normals = np.zeros_like(surface.normals)
+    return replace(surface, faces=none, sampled_faces=none, normals=normals)
+
+
+def normals_of(
+    vertices: Float[np.ndarray, "vertices 3"], faces: Int[np.ndarray, "faces 3"]
+) -> Float[np.ndarray, "vertices 3"]:
+    """Give unit normals, or zeros for a point cloud."""
+    return vertex_normals(vertices, faces) if len(faces) else np.zeros_like(vertices)
