@@ -155,6 +155,16 @@ def test_a_rig_is_replaced(rng):
     np.testing.assert_allclose(back.skin.weights, character.skin.weights, atol=1e-6)
 
 
+def test_no_old_set_of_weights_is_left(rng):
+    made = made_arm()
+    attributes = made.json["meshes"][0]["primitives"][0]["attributes"]
+    attributes |= {"JOINTS_1": attributes["JOINTS_0"], "WEIGHTS_1": attributes["WEIGHTS_0"]}
+    figure = read_figure("arm.glb", made.glb())
+    found, _ = opened(encode_character(figure, make_character(figure.mesh, rng)))
+    names = set(found["meshes"][0]["primitives"][0]["attributes"])
+    assert names == {"POSITION", "JOINTS_0", "WEIGHTS_0"}
+
+
 def test_a_mesh_that_two_nodes_show_is_copied(rng):
     made = made_triangle()
     made.json["meshes"][0]["name"] = "twin"
