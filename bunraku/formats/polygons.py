@@ -62,7 +62,7 @@ def _cut_ears(points: Float[np.ndarray, "corners 3"]) -> Int[np.ndarray, "triang
     flat = points[:, axes]
     turn = np.sign(_signed_area(flat)) or 1.0
     left = list(range(len(points)))
-    ears = []
+    ears: list[list[int]] = []
     while len(left) > 3:
         ear = next((i for i in range(len(left)) if _is_ear(flat, left, i, turn)), -1)
         if ear < 0:  # every simple polygon has one, so this one crosses itself
