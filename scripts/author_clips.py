@@ -6,8 +6,9 @@ How to run, after scripts/bake_human.py (needs only the package itself):
 
 Every clip is written as curves in scripts/choreography/: where the hips travel, how pelvis, chest
 and head turn, where the feet stand and roll, how the arms hang. Legs reach their feet by inverse
-kinematics, so that a planted foot stays where it is. Stored are the hips' path and one local
-quaternion a joint and frame, 30 frames a second; the same script gives the same bytes.
+kinematics, so that a planted foot stays where it is. Stored, clip after clip, are the hips'
+path and one local quaternion a joint and frame, 30 frames a second; the same script gives the same
+bytes.
 """
 
 import argparse
@@ -39,13 +40,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=main.__doc__)
     parser.add_argument("--output", type=Path, default=OUTPUT)
     output = parser.parse_args().output
-    stored: dict[str, np.ndarray] = {"names": np.array(list(CLIPS)), "rate": np.array(RATE)}
-    for name, author in CLIPS.items():
-        arrays = clip_arrays(author())
-        stored[f"{name}.hips"] = arrays["hips"].astype(np.float32)
-        stored[f"{name}.rotations"] = arrays["rotations"].astype(np.float32)
+    authored = {name: clip_arrays(author()) for name, author in CLIPS.items()}
+    np.savez(
+        output,
+        names=np.array(list(authored)),
+        rate=np.array(RATE),
+        frames=np.array([len(arrays["hips"]) for arrays in authored.values()]),
+        hips=np.concatenate([a["hips"] for a in authored.values()]).astype(np.float32),
+        rotations=np.concatenate([a["rotations"] for a in authored.values()]).astype(np.float32),
+    )
+    for name, arrays in authored.items():
         print(f"{name}: {len(arrays['hips'])} frames")
-    np.savez_compressed(output, **stored)
 
 
 if __name__ == "__main__":

@@ -226,7 +226,7 @@ def main() -> None:
     assert signed_volume(vertices, faces) > 0
     parts, labels = label_parts(list(body["names"]), weights)
     strongest = np.argsort(-weights, axis=1, kind="stable")[:, :INFLUENCES]
-    np.savez_compressed(
+    np.savez(
         output,
         vertices=vertices.astype(np.float32),
         faces=faces.astype(np.uint16),
@@ -238,7 +238,8 @@ def main() -> None:
         part_names=np.array(parts),
         parts=labels.astype(np.uint8),
     )
-    np.savez_compressed(output.with_name("clips.npz"), names=np.array([], "U1"), rate=30.0)
+    no_clips = {"names": np.array([], "U1"), "rate": np.array(30.0), "frames": np.array([], int)}
+    np.savez(output.with_name("clips.npz"), **no_clips)
     height = np.ptp(vertices[:, 1])
     print(f"{output}: {len(vertices)} vertices, {len(body['names'])} joints, {height:.3f} m")
 

@@ -12,7 +12,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from bunraku.rotations import compose_transforms
 from bunraku.types import NO_PARENT, Character, Clip, Mesh, Skeleton, Skin
@@ -34,7 +34,7 @@ def human() -> Character:
         tuple(map(str, stored["names"])), parents, compose_transforms(offsets, identity)
     )
     weights = np.zeros((len(stored["vertices"]), len(joints)))
-    np.put_along_axis(weights, stored["influences"].astype(np.int64), stored["weights"], axis=1)
+    weights[np.arange(len(weights))[:, None], stored["influences"]] = stored["weights"]
     weights /= weights.sum(axis=1, keepdims=True)
     mesh = Mesh(stored["vertices"].astype(np.float64), stored["faces"].astype(np.int64))
     skin = Skin(weights, compose_transforms(-joints, identity))
@@ -58,15 +58,17 @@ def _load(name: str) -> dict[str, np.ndarray]:
         return dict(stored)
 
 
-def _clips(offsets: np.ndarray) -> tuple[Clip, ...]:
+def _clips(offsets: Float[np.ndarray, "joints 3"]) -> tuple[Clip, ...]:
     """Complete the stored clips: only the hips move, all other joints just turn."""
     stored = _load("clips")
-    clips = []
-    for name in map(str, stored["names"]):
-        rotations = stored[f"{name}.rotations"].astype(np.float64)
+    clips, start = [], 0
+    for name, count in zip(stored["names"], stored["frames"], strict=True):
+        frames = slice(start, start + int(count))
+        rotations = stored["rotations"][frames].astype(np.float64)
         rotations /= np.linalg.norm(rotations, axis=-1, keepdims=True)
         translations = np.tile(offsets, (len(rotations), 1, 1))
-        translations[:, 0] = stored[f"{name}.hips"]
+        translations[:, 0] = stored["hips"][frames]
         times = np.arange(len(rotations)) / float(stored["rate"])
-        clips.append(Clip(name, times, translations, rotations, np.ones_like(translations)))
+        clips.append(Clip(str(name), times, translations, rotations, np.ones_like(translations)))
+        start = frames.stop
     return tuple(clips)

@@ -10,7 +10,7 @@ from choreography.feet import Step, planted, stepping
 HALF_WIDTH = 0.10
 TOE_OUT = 9.0
 EASY = 0.9965  # of the leg's length: knees not locked
-BALANCE = 0.022  # metres that the hips are ahead of the ankles
+BALANCE = 0.016  # metres that the hips are ahead of the ankles
 Curve = Float[np.ndarray, " frames"]
 
 
@@ -122,70 +122,50 @@ def wave_hand() -> Posture:
     )
 
 
+LEFT_STEPS = (Step(0.30, 0.66, 0.05, -0.087, 75.0), Step(1.14, 1.48, -0.10, 0.0, 189.0))
+RIGHT_STEPS = (Step(0.72, 1.08, 0.057, 0.082, 130.0), Step(1.54, 1.86, 0.10, 0.0, 171.0))
+PLACES = (  # seconds, x, z: the hips go over the foot that stands
+    *((0.05, 0.0, 0.0), (0.14, 0.012, 0.0), (0.44, -0.05, 0.0), (0.56, -0.05, 0.0)),
+    *((0.90, 0.03, -0.052), (1.30, 0.034, 0.048), (1.68, -0.05, 0.004), (2.15, 0.0, 0.0)),
+)
+DIPS = (  # seconds, metres: down before each step, up over it
+    *((0.0, 0.0), (0.22, -0.02), (0.48, -0.003), (0.69, -0.02), (0.90, -0.003), (1.11, -0.02)),
+    *((1.31, -0.003), (1.51, -0.02), (1.70, -0.004), (1.92, -0.014), (2.35, 0.0)),
+)
+
+
 def turn() -> Posture:
-    """Turn round to the left: eyes, head, chest, pelvis, then three steps."""
-    times = frame_times(2.4)
+    """Turn round to the left: eyes, head, chest, pelvis, then four steps."""
+    times = frame_times(2.6)
 
-    def led(start: float, end: float, overshoot: float = 3.0) -> Curve:
-        keys = [(start, 0.0), (start + 0.55 * (end - start), 105.0), (end, 180.0 + overshoot)]
-        return keyed(times, [*keys, (end + 0.3, 180.0)])
+    def led(early: float, overshoot: float) -> Curve:
+        keys = [(0.24, 0.0), (0.66, 40.0), (1.08, 102.0), (1.48, 154.0), (1.82, 180.0 + overshoot)]
+        return keyed(times + early, [*keys, (2.2, 180.0)])
 
-    left = stepping(
-        times,
-        (0.10, 0.0, 9.0),
-        (Step(0.34, 0.78, 0.03, -0.10, 104.0), Step(1.30, 1.66, -0.10, 0.0, 189.0)),
-    )
-    right = stepping(times, (-0.10, 0.0, -9.0), (Step(0.84, 1.28, 0.10, 0.01, 171.0),))
-    x = keyed(
-        times,
-        [
-            (0.0, 0.0),
-            (0.12, 0.012),
-            (0.42, -0.055),
-            (0.62, -0.05),
-            (0.98, 0.04),
-            (1.16, 0.05),
-            (1.45, 0.045),
-            (1.9, 0.0),
-        ],
-    )
-    z = keyed(times, [(0.2, 0.0), (0.55, 0.0), (1.0, -0.055), (1.35, -0.02), (1.8, 0.0)])
-    bob = keyed(
-        times,
-        [
-            (0.0, 0.0),
-            (0.2, -0.022),
-            (0.55, -0.004),
-            (0.85, -0.026),
-            (1.08, -0.004),
-            (1.32, -0.022),
-            (1.52, -0.006),
-            (1.78, -0.016),
-            (2.2, 0.0),
-        ],
-    )
-    pelvis, chest, head = led(0.22, 1.58), led(0.12, 1.46, 5.0), led(0.0, 1.2, 4.0)
+    place = keyed(times, [(at, where) for at, *where in PLACES])
+    pelvis, chest, head = led(0.0, 1.0), led(0.12, 3.0), led(0.24, 4.0)
     spin = np.gradient(chest, times) / 180.0
+    facing = np.radians(pelvis)
 
     def arm(side: float) -> Arm:
         return Arm(
-            swing=4.0 - 9.0 * side * spin,
-            spread=10.0 + 9.0 * np.roll(np.abs(spin), 3),
-            elbow=16.0 + 10.0 * np.abs(spin),
+            swing=4.0 - 12.0 * side * spin,
+            spread=10.0 + 9.0 * np.roll(spin, 3),
+            elbow=16.0 + 10.0 * spin,
         )
 
     return settle(
         Posture(
             hips=columns(
-                x + BALANCE * np.sin(np.radians(pelvis)),
-                STANDING + bob,
-                z + BALANCE * np.cos(np.radians(pelvis)),
+                place[:, 0] + BALANCE * np.sin(facing),
+                STANDING + keyed(times, DIPS),
+                place[:, 1] + BALANCE * np.cos(facing),
             ),
             pelvis=columns(pelvis, 1.5, 2.5 * spin),
             chest=columns(chest, 2.0 + 2.0 * spin, 1.5 * spin),
             head=columns(head, 2.0 + 6.0 * spin, -2.0 * spin),
-            left_foot=left,
-            right_foot=right,
+            left_foot=stepping(times, (HALF_WIDTH, 0.0, TOE_OUT), LEFT_STEPS),
+            right_foot=stepping(times, (-HALF_WIDTH, 0.0, -TOE_OUT), RIGHT_STEPS),
             left_arm=arm(1.0),
             right_arm=arm(-1.0),
         ),

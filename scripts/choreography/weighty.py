@@ -164,7 +164,7 @@ def crouch() -> Posture:
 def kick() -> Posture:
     """Kick a ball with the right foot: draw back, swing through, set the foot down again."""
     times = frame_times(2.0)
-    path = [(0.20, 0.0, 0.0, 0.0), (0.36, -0.01, 0.08, -0.14), (0.62, -0.02, 0.27, -0.56)]
+    path = [(0.20, 0.0, 0.0, 0.0), (0.36, -0.01, 0.09, -0.08), (0.62, -0.02, 0.27, -0.56)]
     path += [(0.82, 0.03, 0.07, 0.03), (0.98, 0.12, 0.38, 0.72), (1.12, 0.13, 0.42, 0.70)]
     path += [(1.46, 0.02, 0.09, 0.10), (1.70, 0.0, 0.0, 0.0)]
     place = keyed(times, [(at, point) for at, *point in path]) - [HALF_WIDTH, 0.0, 0.0]
