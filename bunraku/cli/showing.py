@@ -35,7 +35,7 @@ def run_demo(folder: Path, *, seed: int) -> None:
         started = time.perf_counter()
         with working(path):
             found = read_target(path, up=None, facing=None)
-            transfer = match(human, found, human.clips, seed=seed, force=False)
+            transfer = match(human, found, human.clips, seed=seed, force=True)
             write_character(folder / f"{name}.glb", found, transfer.character)
             report = report_on(found, None, human, transfer, started=started)
             write_report(folder / f"{name}.json", report)
@@ -83,9 +83,8 @@ def read_colours(path: Path, character: Character) -> Float[np.ndarray, "vertice
     for part in cast(list[trimesh.Trimesh], trimesh.load_scene(path, process=False).dump()):
         visual: Any = part.visual
         plain = visual.to_color() if visual.kind == "texture" else visual
+        colours = np.atleast_2d(plain.vertex_colors)[:, :3] if visual.kind else CLAY
         places.append(part.vertices)
-        shades.append(
-            plain.vertex_colors[:, :3] if visual.kind else np.tile(CLAY, (len(part.vertices), 1))
-        )
+        shades.append(np.broadcast_to(colours, part.vertices.shape))
     nearest = KDTree(np.vstack(places)).query(character.mesh.vertices)[1]
     return np.vstack(shades)[nearest].astype(np.float64)

@@ -1,4 +1,4 @@
-"""The measures of every table, one definition each (DESIGN section 5).
+"""The measures of every table, one definition each.
 
 Lengths are divided by the height of the figure at rest, so that a figure of any size counts as 1 m
 tall. A metric takes arrays and knows nothing of files, rigs or routes.

@@ -1,4 +1,4 @@
-"""How far to trust a moved figure, in numbers: what `--report` writes (DESIGN section 4)."""
+"""How far to trust a moved figure, in numbers: what `--report` writes."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
@@ -37,7 +37,7 @@ def report_transfer(
     *,
     total_seconds: float,
 ) -> dict[str, object]:
-    """Gather what the route found, in the fields of DESIGN section 4.
+    """Gather what the route found.
 
     Args:
         figure_path: the figure's file as the user named it.

@@ -39,7 +39,7 @@ Frames = Float[np.ndarray, "frames vertices 3"]
 
 @dataclass(frozen=True)
 class Scores:
-    """How far a moving figure is from its own clip (DESIGN section 5), mean over clips."""
+    """How far a moving figure is from its own clip, mean over clips."""
 
     pmd: float
     pmd_in_place: float  # without the mean displacement of each frame
