@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
+from threadpoolctl import threadpool_limits
 
 from bunraku.proxy import Proxy, build_proxy
 from bunraku.registration.body import wrap_character
@@ -49,6 +50,7 @@ class RigTransfer:
     seconds: dict[str, float]
 
 
+@threadpool_limits.wrap(limits=1)  # type: ignore[untyped-decorator]  # threads slow small products
 def animate_from_rig(
     source: Character,
     figure: Mesh,
