@@ -37,7 +37,7 @@ app.add_typer(evaluate, name="evaluate")
 
 
 @app.callback()
-def root(version: VersionOption = False) -> None:
+def root(version: VersionOption = None) -> None:
     """Make any unrigged 3D figure move: a skeleton, a skin and clips, offline."""
 
 

@@ -8,7 +8,7 @@ import typer
 from bunraku import __version__
 
 
-def print_version(wanted: bool) -> None:
+def print_version(wanted: bool | None) -> None:
     """Print the version and stop, if that was asked."""
     if wanted:
         typer.echo(f"bunraku {__version__}")
@@ -16,7 +16,7 @@ def print_version(wanted: bool) -> None:
 
 
 VersionOption = Annotated[
-    bool,
+    bool | None,
     typer.Option("--version", callback=print_version, is_eager=True, help="Print the version."),
 ]
 FileArgument = Annotated[

@@ -70,7 +70,7 @@ def draw_clips(
     moved = [play_at(character, clip, PHASES) for clip in character.clips]
     for frames in moved:
         frames[..., [0, 2]] -= frames[..., [0, 2]].mean(axis=1, keepdims=True)
-    camera = look_at(np.concatenate(moved), (120, 160))
+    camera = look_at(np.concatenate(moved), (140, 184))
     return [
         [draw(frame, character.mesh.faces, colours, camera, floor=floor) for frame in frames]
         for frames in moved
@@ -84,6 +84,8 @@ def read_colours(path: Path, character: Character) -> Float[np.ndarray, "vertice
         visual: Any = part.visual
         plain = visual.to_color() if visual.kind == "texture" else visual
         colours = np.atleast_2d(plain.vertex_colors)[:, :3] if visual.kind else CLAY
+        if visual.kind == "texture" and getattr(visual.material, "baseColorTexture", "") is None:
+            colours = 255 * (colours / 255) ** (1 / 2.2)  # factors are linear, pictures are not
         places.append(part.vertices)
         shades.append(np.broadcast_to(colours, part.vertices.shape))
     nearest = KDTree(np.vstack(places)).query(character.mesh.vertices)[1]
