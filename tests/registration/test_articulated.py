@@ -16,7 +16,7 @@ from bunraku.registration.articulated import (
     gauss_newton_step,
     motion_jacobian,
 )
-from bunraku.registration.correspondence import Pairs, Surface, make_surface
+from bunraku.registration.correspondence import Surface, make_surface, pin
 from bunraku.registration.puppet import Pose, move_puppet, rest_pose
 from bunraku.rotations import rotation_angles, vectors_to_matrices
 from tests.creatures import NAMES, make_creature, move, pose_of, world_pose
@@ -63,7 +63,8 @@ def test_priors_alone_lead_back_to_rest_in_one_step(puppet, rng):
     small = vectors_to_matrices(rng.normal(scale=0.1, size=(count, 3)))
     pose = Pose(puppet.anchors[0], small, rng.normal(scale=0.1, size=(count, 2)))
     hessian, gradient = np.zeros((5 * count + 3,) * 2), np.zeros(5 * count + 3)
-    add_priors(hessian, gradient, puppet, pose, Stage(1, 1, 0.1, 0.1, 0.1, 1.0, 1.0))
+    stage = Stage(1, 1, 0.1, 0.1, 0.1, 1.0, 1.0)
+    add_priors(hessian, gradient, puppet, pose, stage, pose.scales)
     rested = apply_step(puppet, pose, np.linalg.solve(hessian, gradient))
     np.testing.assert_allclose(
         rested.rotations[1:], np.tile(np.eye(3), (count - 1, 1, 1)), atol=1e-6
@@ -79,7 +80,8 @@ def test_scales_cost_more_the_less_they_are_like_the_parents(puppet):
     def cost_of(scales: np.ndarray) -> float:
         pose = replace(rest_pose(puppet), scales=scales)
         hessian, gradient = np.zeros((5 * count + 3,) * 2), np.zeros(5 * count + 3)
-        add_priors(hessian, gradient, puppet, pose, Stage(1, 1, 0.1, 0.1, 0.1, 1.0, 1.0))
+        stage = Stage(1, 1, 0.1, 0.1, 0.1, 1.0, 1.0)
+        add_priors(hessian, gradient, puppet, pose, stage, scales)
         return float(-gradient[3 * count : 5 * count] @ scales.T.ravel())
 
     whole = np.full((count, 2), 0.3)
@@ -100,7 +102,7 @@ def test_steps_with_the_right_pairs_recover_turns_and_scales(puppet, rng):
     )
     goal, _ = move_puppet(puppet, truth)
     surface, samples = make_surface(goal, puppet.faces), puppet.samples[:600]
-    pairs = Pairs(samples, samples, np.zeros(len(samples)))
+    pairs = pin(samples, samples, 1.0)
     pose = rest_pose(puppet)
     for _ in range(12):
         stage = replace(COARSE[0], width=1.0, points=1.0, turns=1e-9, scales=1e-9)
