@@ -76,7 +76,7 @@ def dancing_arm(
     return Arm(
         swing=low * (8.0 + 26.0 * pump) + 8.0 * raised,
         spread=low * (24.0 - 8.0 * pump + 4.0 * bounce) + raised * (128.0 + 10.0 * pump),
-        twist=low * (6.0 + 16.0 * pump) - 48.0 * raised,
+        twist=low * (6.0 + 16.0 * pump) - 30.0 * raised,
         elbow=low * (62.0 + 22.0 * pump) + raised * (40.0 - 22.0 * pump + 8.0 * bounce),
         pronate=20.0,
         wrist=4.0 + 10.0 * pump,

@@ -86,19 +86,16 @@ def wave_hand() -> Posture:
     beat = keyed(times, [(0.60, 0.0), (0.85, 1.0), (2.05, 1.0), (2.3, 0.0)])
     swaying = beat * np.sin(2 * np.pi * (times - 0.62) / 0.48)
     late = beat * np.sin(2 * np.pi * (times - 0.69) / 0.48)
+    outward = keyed(times, [(0.10, 0.0), (0.52, 1.0), (2.14, 1.0), (2.66, 0.0)])
+    bent = keyed(times, [(0.06, 0.0), (0.5, 1.08), (0.72, 1.0), (2.16, 1.0), (2.8, 0.0)])
     waving = Arm(
-        swing=4.0 + 16.0 * up,
-        spread=10.0 + 58.0 * up + 3.0 * swaying,
-        twist=14.0
-        - 88.0 * keyed(times, [(0.10, 0.0), (0.52, 1.0), (2.14, 1.0), (2.66, 0.0)])
-        + 5.0 * swaying,
-        elbow=16.0
-        + 2.0 * breathing
-        + 84.0 * keyed(times, [(0.06, 0.0), (0.5, 1.08), (0.72, 1.0), (2.16, 1.0), (2.8, 0.0)])
-        - 17.0 * swaying,
-        pronate=10.0,
-        wrist=6.0 - 10.0 * up,
-        tilt=-16.0 * late,
+        swing=4.0 + 46.0 * up,
+        spread=10.0 + 44.0 * up + 4.0 * swaying,
+        twist=4.0 - 28.0 * outward - 13.0 * swaying,
+        elbow=16.0 + 2.0 * breathing + 98.0 * bent - 6.0 * swaying,
+        pronate=10.0 + 40.0 * up,
+        wrist=6.0 - 12.0 * up,
+        tilt=6.0 - 16.0 * late,
         shrug=4.0 * up,
     )
     return settle(
@@ -212,8 +209,8 @@ def cheer() -> Posture:
     def arm(side: float) -> Arm:
         return Arm(
             swing=4.0 - 26.0 * crouch * (up < 0.2) + 8.0 * up,
-            spread=10.0 + 138.0 * up - 6.0 * pump + 2.0 * side,
-            twist=4.0 - 50.0 * up,
+            spread=10.0 + 138.0 * np.maximum(up, 0.0) - 6.0 * pump + 2.0 * side,
+            twist=4.0 - 34.0 * up,
             elbow=18.0 + 24.0 * crouch + 4.0 * up + 52.0 * pump,
             pronate=10.0,
             wrist=6.0 - 8.0 * up,
