@@ -21,6 +21,7 @@ from bunraku.reposing.energy import local_turns, place_joints, recover_rest_pose
 from bunraku.rotations import (
     matrices_to_vectors,
     rotation_angles,
+    rotation_between,
     vectors_to_matrices,
     vertical_turn,
 )
@@ -63,7 +64,10 @@ def repose(
     heading = nearby_quarter(vertical_turn(turns[body.puppet.joints[0]]))
     turns = heading.T @ turns
     posed, share = believe_turns(body, turns, misfit=misfit)
-    turns = scale_turns(turns, carriers, share)
+    own = local_turns(turns, carriers)
+    swung = (1.0 - share) * (1.0 - smooth_step(misfit, 0.16, 0.22))
+    own = scale_turns(limb_swings(body, joints @ heading), swung) @ scale_turns(own, share)
+    turns = chain_turns(own, carriers)
     undo = local_turns(np.swapaxes(turns, 1, 2), carriers)
     root = joints[root_first(carriers)[0]]
     ahead = (joints - root) @ heading  # all of it, other roots included, to the source's front
@@ -142,7 +146,7 @@ def off_symmetry(
     joints: Float[np.ndarray, "joints 3"], vertices: Float[np.ndarray, "vertices 3"]
 ) -> Bool[np.ndarray, " joints"]:
     """Tell which joints lie off the source's plane of symmetry, of the two vertical candidates."""
-    middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+    middle = np.median(joints, axis=0)  # of the surface it would follow a sword in one hand
     extent = float(np.ptp(vertices, axis=0).max())
     errors = []
     for axis in (0, 2):
@@ -153,13 +157,41 @@ def off_symmetry(
     return np.asarray(np.abs(joints[:, axis] - middle[axis]) > 0.02 * extent)
 
 
-def scale_turns(
-    turns: Float[np.ndarray, "joints 3 3"],
-    parents: Int[np.ndarray, " joints"],
-    share: Float[np.ndarray, " joints"],
+def limb_swings(
+    body: Body, joints: Float[np.ndarray, "joints 3"]
 ) -> Float[np.ndarray, "joints 3 3"]:
-    """Keep a share of each joint's own turn; world rotations in, world rotations out."""
-    own = matrices_to_vectors(local_turns(turns, parents)) * share[:, None]
-    return place_joints(
-        np.zeros((len(parents), 3)), parents, vectors_to_matrices(own), np.zeros(3)
-    )[1]
+    """Swing each limb, at its first joint and whole, from its direction at rest to the figure's.
+
+    A stance is more than its large turns: legs that stand closer together must start closer. Only
+    a good fit tells it from noise (docs/log.md).
+
+    Args:
+        joints: of the figure as found, its heading undone.
+
+    Returns:
+        a turn for the first joint of each limb, none for all others.
+    """
+    swings = np.tile(np.eye(3), (len(joints), 1, 1))
+    mass = body.areas @ body.weights / body.areas.sum()
+    below = descendants(body.carriers) & (mass > 4e-3)
+    for limb in limbs(body):
+        reach = np.linalg.norm(body.joints - body.joints[limb], axis=1) * below[limb]
+        end = int(reach.argmax())
+        if mass[below[limb]].sum() > 0.02 and reach[end] > 0:
+            rest, found = body.joints[end] - body.joints[limb], joints[end] - joints[limb]
+            swings[limb] = rotation_between(rest, found)
+    return swings
+
+
+def scale_turns(
+    turns: Float[np.ndarray, "joints 3 3"], share: Float[np.ndarray, " joints"]
+) -> Float[np.ndarray, "joints 3 3"]:
+    """Take a share of each turn, about its own axis."""
+    return vectors_to_matrices(matrices_to_vectors(turns) * share[:, None])
+
+
+def chain_turns(
+    own: Float[np.ndarray, "joints 3 3"], parents: Int[np.ndarray, " joints"]
+) -> Float[np.ndarray, "joints 3 3"]:
+    """Chain each joint's own turn down the tree into world rotations."""
+    return place_joints(np.zeros((len(parents), 3)), parents, own, np.zeros(3))[1]
