@@ -58,6 +58,8 @@ def twin_tips(
     points: Float[np.ndarray, "tips 3"], around: Float[np.ndarray, "vertices 3"]
 ) -> list[tuple[int, int]]:
     """Find the tips that mirror each other: both hands, both feet, both ears."""
+    if not len(points):
+        return []
     boxed = in_box(points, around)
     gap = np.linalg.norm((boxed * [-1.0, 1.0, 1.0])[:, None] - boxed, axis=2)
     nearest = gap.argmin(axis=1)
