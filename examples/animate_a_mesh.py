@@ -12,9 +12,9 @@ from bunraku.skinning import play_clip
 
 
 def main() -> float:
-    """Let the stylised figure walk; give how far its edges stretch."""
+    """Let the realistic figure walk; give how far its edges stretch."""
     human = builtin.human()
-    figure = read_figure(builtin.figure_paths()["stylised"]).mesh
+    figure = read_figure(builtin.figure_paths()["realistic"]).mesh
     walk = [clip for clip in human.clips if clip.name == "walk"]
 
     transfer = animate_from_rig(human, figure, clips=walk)

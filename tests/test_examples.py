@@ -14,7 +14,7 @@ def run(name):
     return module.main()
 
 
-def test_the_stylised_figure_walks_without_tearing(capsys):
+def test_the_realistic_figure_walks_without_tearing(capsys):
     assert 1.0 < run("animate_a_mesh") < 1.6
     assert "confidence" in capsys.readouterr().out
 

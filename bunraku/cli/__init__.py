@@ -59,14 +59,14 @@ def animate(
 ) -> None:
     """Give a figure a skeleton, a skin and the clips of a performance."""
     from bunraku.cli import steps
-    from bunraku.formats import write_character
+    from bunraku.formats import read_figure, write_character
 
     started = time.perf_counter()
     inputs = [figure, performance]
     steps.check_output(out, [".glb"], inputs=inputs)
     steps.check_output(report, [".json"], inputs=[*inputs, out])
     with steps.working(figure):
-        found = steps.read_target(figure, up=up, facing=facing)
+        found = read_figure(figure, up=up, facing=facing)
         source = steps.read_performer(performance)
         clips = steps.choose_clips(source, clip, performance)
         transfer = steps.match(source, found, clips, seed=seed, force=force)
@@ -89,13 +89,13 @@ def rig(
 ) -> None:
     """Give a figure a skeleton and a skin in its own pose, without clips."""
     from bunraku.cli import steps
-    from bunraku.formats import write_character
+    from bunraku.formats import read_figure, write_character
 
     started = time.perf_counter()
     steps.check_output(out, [".glb"], inputs=[figure, performance])
     steps.check_output(report, [".json"], inputs=[figure, performance, out])
     with steps.working(figure):
-        found = steps.read_target(figure, up=up, facing=facing)
+        found = read_figure(figure, up=up, facing=facing)
         source = steps.read_performer(performance)
         transfer = steps.match(source, found, (), seed=seed, force=force)
         write_character(out, found, transfer.character)
@@ -116,11 +116,11 @@ def repose(
 ) -> None:
     """Put a figure in the rest pose of a character."""
     from bunraku.cli import steps
-    from bunraku.formats import write_mesh
+    from bunraku.formats import read_figure, write_mesh
 
     steps.check_output(out, [".glb", ".obj", ".ply"], inputs=[figure, performance])
     with steps.working(figure):
-        found = steps.read_target(figure, up=up, facing=facing)
+        found = read_figure(figure, up=up, facing=facing)
         source = steps.read_performer(performance)
         transfer = steps.match(source, found, (), seed=seed, force=force)
         write_mesh(out, steps.at_rest(transfer))

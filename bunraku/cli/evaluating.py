@@ -1,13 +1,14 @@
 """bunraku evaluate: one command a table."""
 
 import os
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
+from bunraku.cli.failures import printing_warnings
 from bunraku.cli.options import (
     DataOption,
     JsonOption,
@@ -20,6 +21,8 @@ from bunraku.cli.options import (
 
 if TYPE_CHECKING:
     from rich.table import Table
+
+    from bunraku.evaluate.results import RowT, TaskT
 
 evaluate = typer.Typer(
     name="evaluate",
@@ -45,31 +48,30 @@ def retarget_table(
     from bunraku import builtin
     from bunraku.cli.steps import check_output
     from bunraku.evaluate import across, retarget
-    from bunraku.evaluate.results import group_by_family, measure_all, sample
+    from bunraku.evaluate.results import group_by_family, sample
 
     check_output(json, [".json"], inputs=[])
     folder, names = find_data(data), pairs or ()
     clips, frames = (None, 30) if thorough else (3, 8)
-    within = sample(
-        group_by_family(retarget.find_tasks(folder, pairs=names, clip_count=clips)), limit
-    )
-    rows: list[retarget.Row] = []
-    judge = partial(retarget.measure, frame_count=frames, seed=seed)
-    for row in measure_all(within, judge, retarget.Row, state=state):
-        rows.append(row)
-        typer.echo(f"{len(rows)}/{len(within)} {retarget.describe(row)}")
-    others = sample(
-        group_by_family(across.find_tasks(folder, builtin.human(), names=names, clip_count=clips)),
-        limit,
-    )
-    strangers: list[across.Row] = []
-    compare = partial(across.measure, frame_count=frames, seed=seed)
-    beside = state and state.with_suffix(".across" + state.suffix)
-    for stranger in measure_all(others, compare, across.Row, state=beside):
-        strangers.append(stranger)
-        typer.echo(f"{len(strangers)}/{len(others)} {across.describe(stranger)}")
-    tables = [retarget.tabulate(rows)] * bool(rows) + [across.tabulate(strangers)] * bool(strangers)
-    finish(tables, [*rows, *strangers], json)
+    with printing_warnings(folder):
+        relatives = retarget.find_tasks(folder, pairs=names, clip_count=clips)
+        rows = print_rows(
+            sample(group_by_family(relatives), limit),
+            partial(retarget.measure, frame_count=frames, seed=seed),
+            retarget.describe,
+            kind=retarget.Row,
+            state=state,
+        )
+        strangers = across.find_tasks(folder, builtin.human(), names=names, clip_count=clips)
+        others = print_rows(
+            sample(group_by_family(strangers), limit),
+            partial(across.measure, frame_count=frames, seed=seed),
+            across.describe,
+            kind=across.Row,
+            state=state and state.with_suffix(".across" + state.suffix),
+        )
+    tables = [retarget.tabulate(rows)] * bool(rows) + [across.tabulate(others)] * bool(others)
+    finish(tables, [*rows, *others], json)
 
 
 @evaluate.command("weights", epilog="Example: bunraku evaluate weights --data shared/data/weights")
@@ -84,18 +86,41 @@ def weights_table(
     from itertools import islice
 
     from bunraku.cli.steps import check_output
-    from bunraku.evaluate.results import measure_all
-    from bunraku.evaluate.weights import Row, measure, read_source, read_targets, tabulate
+    from bunraku.evaluate.weights import (
+        Row,
+        describe,
+        measure,
+        read_source,
+        read_targets,
+        tabulate,
+    )
 
     check_output(json, [".json"], inputs=[])
     folder = find_data(data, within="weights")
     source = read_source(folder)
     targets = list(islice(read_targets(folder, source.skeleton), limit))
-    rows: list[Row] = []
-    for row in measure_all(targets, partial(measure, source=source, seed=seed), Row, state=state):
-        rows.append(row)
-        typer.echo(f"{len(rows)}/{len(targets)} {row.target}, {row.seconds:.0f} s")
+    judge = partial(measure, source=source, seed=seed)
+    with printing_warnings(folder):
+        rows = print_rows(targets, judge, describe, kind=Row, state=state)
     finish(tabulate(rows), rows, json)
+
+
+def print_rows(
+    tasks: Sequence["TaskT"],
+    judge: Callable[["TaskT"], "RowT"],
+    describe: Callable[["RowT"], str],
+    *,
+    kind: type["RowT"],
+    state: Path | None,
+) -> list["RowT"]:
+    """Measure tasks, or take their rows from the state file; print each row as it is done."""
+    from bunraku.evaluate.results import measure_all
+
+    rows = []
+    for row in measure_all(tasks, judge, kind, state=state):
+        rows.append(row)
+        typer.echo(f"{len(rows)}/{len(tasks)} {describe(row)}")
+    return rows
 
 
 def find_data(folder: Path | None, *, within: str = "") -> Path:

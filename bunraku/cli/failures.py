@@ -88,3 +88,17 @@ class WarningLines(logging.Handler):
         if message not in self.printed:
             self.printed.add(message)
             typer.echo(shorten(f"warning: {message}"), err=True)
+
+
+@contextmanager
+def printing_warnings(path: Path) -> Iterator[None]:
+    """Print the package's warnings as lines about a file, and nobody else's."""
+    logger, handler = logging.getLogger("bunraku"), WarningLines(path)
+    logger.addHandler(handler)
+    logging.captureWarnings(True)  # NumPy's own go to a logger that nobody prints
+    logging.getLogger("py.warnings").addHandler(logging.NullHandler())
+    try:
+        yield
+    finally:
+        logging.captureWarnings(False)
+        logger.removeHandler(handler)

@@ -5,13 +5,13 @@ from pathlib import Path
 import msgspec
 import typer
 
-from bunraku.cli.failures import about
+from bunraku.cli.failures import about, printing_warnings
 from bunraku.formats import inspect
 
 
 def print_inspection(path: Path, *, as_json: bool) -> None:
     """Print what the inspection of a file found, one fact a line, or as JSON."""
-    with about(path):
+    with about(path), printing_warnings(path):
         found = msgspec.json.encode(inspect(path))
     if as_json:
         typer.echo(msgspec.json.format(found, indent=2))

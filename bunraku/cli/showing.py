@@ -13,11 +13,11 @@ from rich.console import Console
 from scipy.spatial import KDTree
 
 from bunraku import builtin
-from bunraku.cli.steps import match, read_target, report_on, working, write_report
+from bunraku.cli.steps import match, report_on, working, write_report
 from bunraku.evaluate.families import play_at
 from bunraku.evaluate.pictures import CLAY, Picture, arrange, draw, look_at
 from bunraku.evaluate.results import make_table
-from bunraku.formats import write_character
+from bunraku.formats import read_figure, write_character
 from bunraku.formats.files import write_atomically
 from bunraku.types import Character
 
@@ -34,7 +34,7 @@ def run_demo(folder: Path, *, seed: int) -> None:
     for name, path in builtin.figure_paths().items():
         started = time.perf_counter()
         with working(path):
-            found = read_target(path, up=None, facing=None)
+            found = read_figure(path)
             transfer = match(human, found, human.clips, seed=seed, force=True)
             write_character(folder / f"{name}.glb", found, transfer.character)
             report = report_on(found, None, human, transfer, started=started)

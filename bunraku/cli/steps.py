@@ -14,9 +14,9 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from bunraku import builtin
-from bunraku.cli.failures import WarningLines, about
+from bunraku.cli.failures import about, printing_warnings
 from bunraku.evaluate.report import report_transfer
-from bunraku.formats import read_character, read_figure, read_motion
+from bunraku.formats import read_character, read_motion
 from bunraku.formats.files import read_bytes, write_atomically
 from bunraku.formats.sniffing import sniff
 from bunraku.humanoids import transfer_motion
@@ -121,21 +121,18 @@ def read_landmarks(
 @contextmanager
 def working(path: Path) -> Iterator[None]:
     """Show progress on a terminal and warnings about a file while something long runs."""
-    logger = logging.getLogger("bunraku")
-    previous = logger.level
+    package = logging.getLogger("bunraku")
+    previous = package.level
     with ExitStack() as stack:
-        handlers: list[logging.Handler] = [WarningLines(path)]
+        stack.enter_context(printing_warnings(path))
         if sys.stderr.isatty():
             columns = TextColumn("{task.description:<24}"), BarColumn(), TimeElapsedColumn()
             progress = Progress(*columns, console=Console(stderr=True), transient=True)
-            handlers.append(StageBar(stack.enter_context(progress)))
-        for handler in handlers:
-            logger.addHandler(handler)
-            stack.callback(logger.removeHandler, handler)
-        logging.captureWarnings(True)  # NumPy's own go to a logger that nobody prints
-        stack.callback(logging.captureWarnings, False)
-        logger.setLevel(logging.INFO)
-        stack.callback(logger.setLevel, previous)
+            bar = StageBar(stack.enter_context(progress))
+            package.addHandler(bar)
+            stack.callback(package.removeHandler, bar)
+        package.setLevel(logging.INFO)
+        stack.callback(package.setLevel, previous)
         with about(path):
             yield
 
@@ -151,19 +148,6 @@ class StageBar(logging.Handler):
         """Show a record's message, if it is no warning."""
         if record.levelno < logging.WARNING:
             self.progress.update(self.task, description=record.getMessage())
-
-
-def read_target(path: Path, *, up: str | None, facing: str | None) -> Figure:
-    """Read the figure, which must have faces.
-
-    Raises:
-        FormatError: if it cannot be read or has no faces.
-    """
-    found = read_figure(path, up=up, facing=facing)
-    if not len(found.mesh.faces):
-        message = "has no faces, only points; give a surface (Poisson reconstruction makes one)"
-        raise FormatError(path, "", message)
-    return found
 
 
 def match(

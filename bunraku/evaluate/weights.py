@@ -221,6 +221,12 @@ def _rest_pose(
     return rested, np.swapaxes(turn @ motion[:, :3, :3], -1, -2)
 
 
+def describe(row: Row) -> str:
+    """Put one row on one line."""
+    errors = ", ".join(f"{name} {np.mean(errors):.3f}" for name, errors in row.errors.items())
+    return f"{row.target}: {errors}; joints {row.joints:.2f} %h, {row.seconds:.0f} s"
+
+
 def tabulate(rows: Sequence[Row]) -> list[Table]:
     """Set mean and worst joint of every method, and what else is known of ours, in tables."""
     methods = list(rows[0].errors)
