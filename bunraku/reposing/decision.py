@@ -145,15 +145,19 @@ def limbs(body: Body) -> Int[np.ndarray, " limbs"]:
 def off_symmetry(
     joints: Float[np.ndarray, "joints 3"], vertices: Float[np.ndarray, "vertices 3"]
 ) -> Bool[np.ndarray, " joints"]:
-    """Tell which joints lie off the source's plane of symmetry, of the two vertical candidates."""
+    """Tell which joints lie off the source's plane of symmetry, of the two vertical candidates.
+
+    The plane is the one whose mirror image of the joints fits best for how far they spread.
+    """
     middle = np.median(joints, axis=0)  # of the surface it would follow a sword in one hand
     extent = float(np.ptp(vertices, axis=0).max())
-    errors = []
+    doubts = []
     for axis in (0, 2):
         mirrored = joints.copy()
         mirrored[:, axis] = 2 * middle[axis] - joints[:, axis]
-        errors.append(np.linalg.norm(mirrored[:, None] - joints, axis=2).min(axis=1).mean())
-    axis = (0, 2)[int(np.argmin(errors))]
+        error = np.linalg.norm(mirrored[:, None] - joints, axis=2).min(axis=1).mean()
+        doubts.append(error - 0.5 * joints[:, axis].std())
+    axis = (0, 2)[int(np.argmin(doubts))]
     return np.asarray(np.abs(joints[:, axis] - middle[axis]) > 0.02 * extent)
 
 

@@ -6,7 +6,9 @@ from scipy.spatial.transform import Rotation
 
 from bunraku.reposing.decision import (
     believe_turns,
+    chain_turns,
     displacement,
+    limb_swings,
     limbs,
     nearby_quarter,
     off_symmetry,
@@ -14,7 +16,7 @@ from bunraku.reposing.decision import (
     scale_turns,
     smooth_step,
 )
-from bunraku.reposing.energy import local_turns, place_joints
+from bunraku.reposing.energy import place_joints
 from bunraku.rotations import rotation_angles
 from tests.creatures import JOINTS, NAMES, PARENTS, pose_of
 
@@ -57,19 +59,27 @@ def test_a_smooth_step_rises_from_nought_to_one():
     np.testing.assert_allclose(values, [0, 0, 0.15625, 0.5, 0.84375, 1, 1])
 
 
-def test_a_share_of_each_joints_own_turn_is_kept():
+def test_a_share_of_each_turn_is_kept():
     local = pose_of({"chest": (0.0, 40.0, 0.0), "head": (20.0, 0.0, 0.0)})
-    _, world = place_joints(JOINTS, PARENTS, local, STILL)
     share = np.array([1.0, 0.5, 0.0, 1.0, 1.0, 1.0, 1.0])
-    kept = local_turns(scale_turns(world, PARENTS, share), PARENTS)
+    kept = scale_turns(local, share)
     np.testing.assert_allclose(kept, pose_of({"chest": (0.0, 20.0, 0.0)}), atol=1e-9)
 
 
-def test_all_or_nothing_of_a_turn_is_kept_exactly():
-    world = world_turns(LARGE)
-    np.testing.assert_allclose(scale_turns(world, PARENTS, np.ones(7)), world, atol=1e-9)
-    still = scale_turns(world, PARENTS, np.zeros(7))
-    np.testing.assert_allclose(still, np.tile(np.eye(3), (7, 1, 1)), atol=1e-9)
+def test_chained_turns_are_world_turns():
+    np.testing.assert_allclose(chain_turns(pose_of(LARGE), PARENTS), world_turns(LARGE), atol=1e-9)
+
+
+def test_a_limb_swings_whole_to_its_new_direction_and_nothing_else_moves(body):
+    arm, hand = NAMES.index("leftArm"), NAMES.index("leftLeg")  # a joint far from the arm's
+    carriers = PARENTS.copy()
+    carriers[hand] = arm
+    placed = JOINTS.copy()
+    placed[hand] = JOINTS[arm] + turn("z", 30) @ (JOINTS[hand] - JOINTS[arm])
+    swings = limb_swings(replace(body, carriers=carriers), placed)
+    np.testing.assert_allclose(swings[arm], turn("z", 30), atol=1e-9)
+    still = np.delete(swings, arm, axis=0)
+    np.testing.assert_allclose(still, np.tile(np.eye(3), (6, 1, 1)), atol=1e-9)
 
 
 def test_arms_and_legs_lie_off_the_plane_of_symmetry(body):
