@@ -198,24 +198,24 @@ def inside_body(
     return np.asarray(winding > 0.5)
 
 
-def penetration_fraction(
+def penetration_fractions(
     posed: Float[np.ndarray, "frames vertices 3"],
     rest: Float[np.ndarray, "vertices 3"],
     faces: Int[np.ndarray, "faces 3"],
     *,
-    sample_count: int = 1000,
-) -> float:
-    """Give the share of vertices inside the body in a frame that are not inside it at rest.
+    sample_count: int = 500,
+) -> Float[np.ndarray, " frames"]:
+    """Give the share of vertices, in each frame, inside the body though they are not at rest.
 
     A cheap stand-in for penetration: creases at bent joints count, cloth inside cloth at rest
     does not.
     """
     if not len(faces):
-        return 0.0
+        return np.zeros(len(posed))
     used = np.unique(faces)
     chosen = used[np.linspace(0, len(used) - 1, min(sample_count, len(used))).astype(np.int64)]
     free = ~inside_body(rest, faces, chosen)
-    return float(np.mean([(inside_body(frame, faces, chosen) & free).mean() for frame in posed]))
+    return np.array([(inside_body(frame, faces, chosen) & free).mean() for frame in posed])
 
 
 def is_mirrored(

@@ -76,19 +76,26 @@ def describe_clips(source: Character, transfer: RigTransfer) -> Iterator[ClipRep
     moved = transfer.character
     clips = {clip.name: clip for clip in source.clips}
     sample, ends = sample_edges(moved)
-    solid = wear_skin(moved, transfer.target_proxy.mesh)
-    for carried in moved.clips:
-        thin, thick = (np.linspace(0, 1, count) for count in (8, 3))
+    for carried, entered in zip(moved.clips, _penetration(transfer), strict=True):
+        frames = play_at(sample, carried, np.linspace(0, 1, 8))
         yield ClipReport(
             carried.name,
             float(carried.times[-1] - carried.times[0]),
             len(carried.times),
-            metrics.stretch(play_at(sample, carried, thin), sample.mesh.vertices, ends),
+            metrics.stretch(frames, sample.mesh.vertices, ends),
             slide_of_clip(source, moved, clips.get(carried.name, carried), carried),
-            metrics.penetration_fraction(
-                play_at(solid, carried, thick), solid.mesh.vertices, solid.mesh.faces
-            ),
+            float(entered),
         )
+
+
+def _penetration(transfer: RigTransfer) -> Float[np.ndarray, " clips"]:
+    """Measure penetration on two frames of every clip, by the figure's proxy."""
+    solid, phases = wear_skin(transfer.character, transfer.target_proxy.mesh), np.array([0.3, 0.7])
+    if not transfer.character.clips:
+        return np.zeros(0)
+    posed = np.concatenate([play_at(solid, clip, phases) for clip in transfer.character.clips])
+    found = metrics.penetration_fractions(posed, solid.mesh.vertices, solid.mesh.faces)
+    return found.reshape(-1, len(phases)).mean(axis=1)
 
 
 def count_parts(mesh: Mesh) -> int:
@@ -100,9 +107,10 @@ def count_parts(mesh: Mesh) -> int:
 def sample_edges(
     character: Character, *, count: int = 3000
 ) -> tuple[Character, Int[np.ndarray, "edges 2"]]:
-    """Take edges evenly from a character; give what of it they need, and their ends in that."""
-    ends = mesh_edges(character.mesh.faces)
-    ends = ends[np.linspace(0, len(ends) - 1, min(count, len(ends))).astype(np.int64)]
+    """Take edges of evenly spread faces; give what of the character they need, and their ends."""
+    faces = character.mesh.faces
+    spread = np.linspace(0, len(faces) - 1, min(count // 3, len(faces))).astype(np.int64)
+    ends = mesh_edges(faces[spread])
     used, places = np.unique(ends, return_inverse=True)
     skin = Skin(character.skin.weights[used], character.skin.inverse_bind)
     points = Mesh(character.mesh.vertices[used], np.zeros((0, 3), np.int64))

@@ -128,21 +128,22 @@ def two_cubes(cube) -> Mesh:
 def test_penetration_counts_vertices_that_enter_the_body(two_cubes):
     posed = two_cubes.vertices.copy()
     posed[8:] = 0.2 * (posed[8:] - posed[8:].mean(axis=0)) + 0.5  # the hand shrinks into the body
-    share = metrics.penetration_fraction(posed[None], two_cubes.vertices, two_cubes.faces)
-    assert share == pytest.approx(0.5)
+    frames = np.stack([posed, two_cubes.vertices])
+    shares = metrics.penetration_fractions(frames, two_cubes.vertices, two_cubes.faces)
+    np.testing.assert_allclose(shares, [0.5, 0.0])
 
 
 def test_penetration_at_rest_is_forgiven(two_cubes):
     overlapping = two_cubes.vertices.copy()
     overlapping[8:] -= [1.5, 0.1, 0.1]
     moved = overlapping[None] + [0.0, 1.0, 0.0]
-    assert metrics.penetration_fraction(moved, overlapping, two_cubes.faces) == 0.0
-    assert metrics.penetration_fraction(moved, two_cubes.vertices, two_cubes.faces) > 0.1
+    assert metrics.penetration_fractions(moved, overlapping, two_cubes.faces) == 0.0
+    assert metrics.penetration_fractions(moved, two_cubes.vertices, two_cubes.faces) > 0.1
 
 
 def test_a_point_cloud_has_no_inside(cube):
     nothing = np.zeros((0, 3), np.int64)
-    assert metrics.penetration_fraction(cube.vertices[None], cube.vertices, nothing) == 0.0
+    assert metrics.penetration_fractions(cube.vertices[None], cube.vertices, nothing) == 0.0
 
 
 LEFT_RIGHT = np.array([[1, 2]])

@@ -54,12 +54,12 @@ def test_parts_are_counted_after_welding(cube):
 
 def test_sampled_edges_move_as_they_do_in_the_whole(stick):
     every = mesh_edges(stick.mesh.faces)
-    sample, ends = report.sample_edges(stick, count=len(every))
+    sample, ends = report.sample_edges(stick, count=3 * len(stick.mesh.faces))
     phases = np.array([0.0, 0.6])
     whole, part = (play_at(body, stick.clips[0], phases) for body in (stick, sample))
     expected = whole[:, every[:, 0]] - whole[:, every[:, 1]]
     np.testing.assert_allclose(part[:, ends[:, 0]] - part[:, ends[:, 1]], expected)
-    assert len(report.sample_edges(stick, count=10)[1]) == 10
+    assert 0 < len(report.sample_edges(stick, count=10)[1]) < 10
 
 
 def test_feet_are_low_joints_with_skin(stick):
