@@ -10,13 +10,13 @@ import resource
 import sys
 import time
 
+import fast_simplification
 import igl
 import numpy as np
 from rich.console import Console
 
 from bunraku import builtin
 from bunraku.evaluate.results import make_table
-from bunraku.proxy import build_proxy
 from bunraku.routes.from_rig import animate_from_rig
 from bunraku.types import Mesh
 
@@ -28,9 +28,9 @@ def resample(mesh: Mesh, count: int) -> Mesh:
     vertices, faces = mesh.vertices, mesh.faces
     while len(vertices) < count:
         vertices, faces = igl.loop(vertices, faces)
-    if len(vertices) < 1.2 * count:
-        return Mesh(vertices, faces.astype(np.int64))
-    return build_proxy(vertices, faces.astype(np.int64), vertex_count=count).mesh
+    fewer = max(0.0, 1 - count / len(vertices))
+    simple, few = fast_simplification.simplify(vertices.astype(np.float32), faces, fewer)
+    return Mesh(simple.astype(np.float64), few.astype(np.int64))
 
 
 def main() -> None:
