@@ -1,4 +1,4 @@
-"""Joint trees and mesh graphs: descendants, order, paths, edges, geodesic distances."""
+"""Joint trees and mesh graphs: descendants, ancestors, order, paths, edges, geodesic distances."""
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -63,25 +63,25 @@ def root_first(parents: Int[np.ndarray, " joints"]) -> Int[np.ndarray, " joints"
     return np.array(order, np.int64)
 
 
+def ancestors(parents: Int[np.ndarray, " joints"], joint: int) -> list[int]:
+    """List a joint, its parent, and so on up to its root."""
+    chain = [joint]
+    while parents[chain[-1]] != NO_PARENT:
+        chain.append(int(parents[chain[-1]]))
+    return chain
+
+
 def joint_path(parents: Int[np.ndarray, " joints"], source: int, target: int) -> list[int]:
     """List the joints on the way from one joint to another, both included.
 
     Raises:
         ValueError: if they hang on different roots.
     """
-    up, down = _ancestors(parents, source), _ancestors(parents, target)
+    up, down = ancestors(parents, source), ancestors(parents, target)
     meeting = next((joint for joint in up if joint in down), None)
     if meeting is None:
         raise ValueError(f"joints {source} and {target} hang on different roots: no path")
     return up[: up.index(meeting) + 1] + down[: down.index(meeting)][::-1]
-
-
-def _ancestors(parents: Int[np.ndarray, " joints"], joint: int) -> list[int]:
-    """List a joint, its parent, and so on up to its root."""
-    chain = [joint]
-    while parents[chain[-1]] != NO_PARENT:
-        chain.append(int(parents[chain[-1]]))
-    return chain
 
 
 def mesh_edges(faces: Int[np.ndarray, "faces 3"]) -> Int[np.ndarray, "edges 2"]:

@@ -1,5 +1,7 @@
 """Triangle meshes as arrays: areas, normals, welding, parts, closest points, sampling."""
 
+import math
+
 import igl
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -34,12 +36,12 @@ def sum_at_vertices(
     values: Float[np.ndarray, "faces *values"], faces: Int[np.ndarray, "faces 3"], count: int
 ) -> Float[np.ndarray, "vertices *values"]:
     """Add each face's value to its three vertices."""
-    columns = values.reshape(len(faces), -1)
+    columns = values.reshape(len(faces), math.prod(values.shape[1:]))
     sums = [
         sum(np.bincount(faces[:, corner], column, count) for corner in range(3))
         for column in columns.T
     ]
-    return np.stack(sums, axis=1).reshape(count, *values.shape[1:])
+    return np.stack(sums, axis=1, dtype=np.float64).reshape(count, *values.shape[1:])
 
 
 def vertex_normals(

@@ -18,6 +18,11 @@ def test_children_and_depths_by_hand():
     assert graphs.depths(PARENTS).tolist() == [0, 1, 2, 1, 2, 2]
 
 
+def test_ancestors_start_with_the_joint_itself():
+    assert graphs.ancestors(PARENTS, 5) == [5, 3, 0]
+    assert graphs.ancestors(PARENTS, 0) == [0]
+
+
 def test_joint_path_goes_over_the_meeting_joint():
     assert graphs.joint_path(PARENTS, 2, 5) == [2, 1, 0, 3, 5]
     assert graphs.joint_path(PARENTS, 5, 3) == [5, 3]

@@ -60,6 +60,12 @@ def test_a_vertex_without_faces_has_no_normal_and_no_area():
     np.testing.assert_array_equal(meshes.referenced(TRIANGLE.faces, 4), [True, True, True, False])
 
 
+def test_vertices_without_any_face_have_no_normals_and_no_areas(rng):
+    cloud, none = rng.normal(size=(5, 3)), np.zeros((0, 3), np.int64)
+    np.testing.assert_array_equal(meshes.vertex_normals(cloud, none), np.zeros((5, 3)))
+    np.testing.assert_array_equal(meshes.vertex_areas(cloud, none), np.zeros(5))
+
+
 def test_faces_without_area_do_not_disturb_normals():
     faces = np.array([[0, 1, 2], [0, 1, 1], [2, 2, 2]])
     np.testing.assert_array_equal(

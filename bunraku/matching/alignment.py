@@ -16,7 +16,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from bunraku.matching.refinement import nearest_rows
-from bunraku.matching.surfaces import Surface, normals_of
+from bunraku.matching.surfaces import Surface
+from bunraku.meshes import vertex_normals
 from bunraku.rotations import nearest_rotation
 
 SIZES = tuple(range(4, 21, 2))  # functions used in each step
@@ -92,7 +93,7 @@ def embed_samples(
     surface: Surface, moved: Float[np.ndarray, "vertices 3"], tilt: float
 ) -> Float[np.ndarray, "samples 6"]:
     """Give coordinates and weighted normals of the samples of a deformed surface."""
-    normals = normals_of(moved, surface.sampled_faces)
+    normals = vertex_normals(moved, surface.sampled_faces)
     return np.hstack([moved[surface.samples], tilt * normals[surface.samples]])
 
 

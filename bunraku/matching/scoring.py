@@ -16,8 +16,8 @@ from scipy.spatial import KDTree
 
 from bunraku.matching.alignment import Alignment, fit_map
 from bunraku.matching.refinement import mapped_coordinates, nearest_rows
-from bunraku.matching.surfaces import Surface, normals_of
-from bunraku.meshes import signed_volume
+from bunraku.matching.surfaces import Surface
+from bunraku.meshes import signed_volume, vertex_normals
 from bunraku.rotations import nearest_rotation, rotation_angles
 
 
@@ -78,7 +78,7 @@ def mutual_distance(
     Adds over both surfaces the soft distance, in place and weighted normal, of each sample to the
     nearest vertex of the other.
     """
-    places = np.hstack([moved, tilt * normals_of(moved, source.faces)])
+    places = np.hstack([moved, tilt * vertex_normals(moved, source.faces)])
     goals = np.hstack([target.vertices, tilt * target.normals])
     there = KDTree(goals).query(places[source.samples])[0] ** 2
     back = KDTree(places).query(goals[target.samples])[0] ** 2

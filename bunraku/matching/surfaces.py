@@ -43,7 +43,7 @@ def prepare_surface(mesh: Mesh, *, modes: int, samples: int = 600) -> Surface:
     return Surface(
         vertices,
         mesh.faces,
-        normals_of(vertices, mesh.faces),
+        vertex_normals(vertices, mesh.faces),
         basis,
         chosen,
         np.bincount(KDTree(vertices[chosen]).query(vertices)[1], basis.mass, len(chosen)),
@@ -56,10 +56,3 @@ def without_faces(surface: Surface) -> Surface:
     none = np.zeros((0, 3), np.int64)
     normals = np.zeros_like(surface.normals)
     return replace(surface, faces=none, sampled_faces=none, normals=normals)
-
-
-def normals_of(
-    vertices: Float[np.ndarray, "vertices 3"], faces: Int[np.ndarray, "faces 3"]
-) -> Float[np.ndarray, "vertices 3"]:
-    """Give unit normals, or zeros for a point cloud."""
-    return vertex_normals(vertices, faces) if len(faces) else np.zeros_like(vertices)

@@ -1,7 +1,7 @@
 """Symmetric closest points between a moving surface and a still one, in position and normal."""
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -20,6 +20,19 @@ class Surface:
     areas: Float[np.ndarray, " vertices"]
     samples: Int[np.ndarray, " samples"]  # farthest first
 
+    @cached_property
+    def _trees(self) -> dict[tuple[float, int], cKDTree]:
+        return {}
+
+    def tree(self, normal_weight: float, count: int) -> cKDTree:
+        """Give the search tree over the first `count` samples, built when first asked for."""
+        key = normal_weight, count
+        if key not in self._trees:
+            chosen = self.samples[:count]
+            points = features(self.vertices[chosen], self.normals[chosen], normal_weight)
+            self._trees[key] = cKDTree(points)
+        return self._trees[key]
+
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
@@ -37,13 +50,6 @@ def make_surface(
     """Prepare a surface for fitting."""
     normals, areas = vertex_normals(vertices, faces), vertex_areas(vertices, faces)
     return Surface(vertices, faces, normals, areas, farthest_points(vertices, 2500))
-
-
-@lru_cache(maxsize=64)
-def surface_tree(surface: Surface, normal_weight: float, count: int) -> cKDTree:
-    """Build (once) the search tree over the first `count` samples of a surface."""
-    chosen = surface.samples[:count]
-    return cKDTree(features(surface.vertices[chosen], surface.normals[chosen], normal_weight))
 
 
 def features(
@@ -71,7 +77,7 @@ def find_pairs(
         queries: how many samples of each side ask.
     """
     moving = features(*moved, normal_weight)
-    tree = surface_tree(surface, normal_weight, len(samples))
+    tree = surface.tree(normal_weight, len(samples))
     forward, nearest = tree.query(moving[:queries])
     backward, asked = cKDTree(moving).query(tree.data[:queries])
     return Pairs(

@@ -10,9 +10,9 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
+from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree, shortest_path
 
-from bunraku.graphs import descendants
+from bunraku.graphs import ancestors, descendants
 from bunraku.meshes import farthest_points, vertex_areas, vertex_normals
 from bunraku.rotations import vectors_to_matrices
 from bunraku.types import NO_PARENT
@@ -218,21 +218,13 @@ def join_by_shared_surface(
     cost = affinity.max() * 2 - affinity
     np.fill_diagonal(cost, 0.0)
     tree = minimum_spanning_tree(cost)
-    below = reachable(hierarchy)
+    below = np.isfinite(shortest_path(hierarchy, unweighted=True))
     start = int(np.argmax(np.where(hierarchy.any(axis=0), -1.0, below @ (areas @ weights))))
     order, above = breadth_first_order(tree, start, directed=False)
     place = np.empty(len(order), np.int64)
     place[order] = np.arange(len(order))
     parents = np.array([NO_PARENT if above[j] < 0 else place[above[j]] for j in order])
     return order.astype(np.int64), parents.astype(np.int64)
-
-
-def reachable(hierarchy: Bool[np.ndarray, "joints joints"]) -> Float[np.ndarray, "joints joints"]:
-    """Tell which joints (columns) hang below which (rows), each below itself."""
-    below = np.eye(len(hierarchy), dtype=bool) | hierarchy
-    for _ in range(len(hierarchy).bit_length()):
-        below = (below.astype(float) @ below) > 0
-    return below.astype(np.float64)
 
 
 def place_anchors(
@@ -293,11 +285,3 @@ def tree_of_places(
         if parent not in ancestors(parents, joint) and joint not in ancestors(carriers, parent):
             carriers[joint] = parent
     return carriers
-
-
-def ancestors(parents: Int[np.ndarray, " joints"], joint: int) -> list[int]:
-    """List a joint and everything above it."""
-    chain = [int(joint)]
-    while parents[chain[-1]] != NO_PARENT:
-        chain.append(int(parents[chain[-1]]))
-    return chain

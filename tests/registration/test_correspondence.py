@@ -1,3 +1,6 @@
+import weakref
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,7 +11,6 @@ from bunraku.registration.correspondence import (
     make_surface,
     misfit,
     robust_weights,
-    surface_tree,
 )
 
 UP = np.array([0.0, 0, 1])
@@ -75,9 +77,21 @@ def test_normals_keep_two_sides_of_a_thin_sheet_apart():
     sheet = make_surface(np.vstack([corners, corners + 0.1 * UP]), np.array([[0, 2, 1], [3, 4, 5]]))
     moved = np.array([[0.0, 0, 0.01]]), UP[None]
     for weight, height in ((0.0, 0.0), (0.5, 0.1)):
-        tree = surface_tree(sheet, weight, 6)
+        tree = sheet.tree(weight, 6)
         _, nearest = tree.query(features(*moved, weight))
         assert sheet.vertices[sheet.samples[nearest[0]], 2] == height
+
+
+def test_a_tree_is_built_once_and_goes_with_its_surface(cube):
+    surface = make_surface(cube.vertices, cube.faces)
+    tree = surface.tree(0.1, 4)
+    assert tree is surface.tree(0.1, 4) and tree.n == 4
+    assert surface.tree(0.1, 5).n == 5 and not np.array_equal(surface.tree(0.2, 4).data, tree.data)
+    moved = replace(surface, vertices=surface.vertices + 1.0)
+    np.testing.assert_allclose(moved.tree(0.1, 4).data[:, :3], tree.data[:, :3] + 1.0)
+    gone = weakref.ref(surface)
+    del surface
+    assert gone() is None
 
 
 def test_misfit_grows_with_the_distance_up_to_two(creature):

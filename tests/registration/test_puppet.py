@@ -9,7 +9,6 @@ from bunraku.meshes import vertex_areas, vertex_normals
 from bunraku.registration.puppet import (
     Pose,
     Puppet,
-    ancestors,
     bone_axes,
     is_parent_of,
     join_by_shared_surface,
@@ -17,7 +16,6 @@ from bunraku.registration.puppet import (
     merge_small_joints,
     move_puppet,
     place_anchors,
-    reachable,
     rest_pose,
     step_pose,
     stretches,
@@ -225,12 +223,6 @@ def test_only_much_more_shared_surface_changes_the_tree(contact, parent):
     assert order[tree[list(order).index(2)]] == parent
 
 
-def test_what_can_be_reached_by_hand():
-    hierarchy = np.zeros((5, 5), bool)
-    hierarchy[[0, 1, 2, 3], [1, 2, 3, 4]] = True  # one chain
-    np.testing.assert_array_equal(reachable(hierarchy), np.triu(np.ones((5, 5))))
-
-
 def split_legs(creature) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Cut feet off the legs and hang them off the hips, as rigs with inverse kinematics do."""
     vertices, weights = creature.mesh.vertices, creature.skin.weights
@@ -257,11 +249,6 @@ def test_a_foot_that_hangs_off_the_root_goes_with_its_leg(creature):
 
 def test_places_of_an_ordinary_rig_follow_its_own_parents(puppet):
     np.testing.assert_array_equal(tree_of_places(puppet, PARENTS), PARENTS)
-
-
-def test_ancestors_by_hand():
-    assert ancestors(WHOLE_HAND, 5) == [5, 3, 2, 1, 0]
-    assert ancestors(WHOLE_HAND, 0) == [0]
 
 
 def test_anchors_by_hand():
