@@ -8,7 +8,7 @@ Castellani 2021, "Methodology for skeleton transfer"; closed form in place of gr
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from bunraku.graphs import root_first
+from bunraku.graphs import depths, descendants, root_first
 from bunraku.rotations import nearest_rotation
 from bunraku.types import NO_PARENT
 
@@ -113,7 +113,7 @@ def carry_joints(
     """Place every joint on the target, in metres: by regressor and similarity where both know it.
 
     Joints that move no surface (a floor root, poles, finger tips) keep their place beside the
-    nearest joint of the tree that does.
+    nearest joint that does.
 
     Args:
         vertices: source surface at rest, with `areas` and skin `weights`.
@@ -129,7 +129,7 @@ def carry_joints(
         vertices, areas, joint_support(weights, parents), joints, images
     )
     placed = np.where(known[:, None], (regressed + similar) / 2, similar)
-    carrier = nearest_moving_joint(areas @ weights > 1e-6 * areas.sum(), parents)
+    carrier = nearest_moving_joint(areas @ weights > 1e-6 * areas.sum(), parents, joints)
     beside = np.flatnonzero(carrier != np.arange(len(parents)))
     by = carrier[beside]
     offset = np.einsum("jab,jb->ja", rotations[by], joints[beside] - joints[by])
@@ -138,14 +138,29 @@ def carry_joints(
 
 
 def nearest_moving_joint(
-    moves: Bool[np.ndarray, " joints"], parents: Int[np.ndarray, " joints"]
+    moves: Bool[np.ndarray, " joints"],
+    parents: Int[np.ndarray, " joints"],
+    joints: Float[np.ndarray, "joints 3"],
 ) -> Int[np.ndarray, " joints"]:
-    """Give each joint the joint that carries it: itself, else its nearest ancestor that moves
-    surface, else (above all that do) the first that does."""
+    """Give each joint the joint that carries it: itself, or the nearest that moves surface.
+
+    Nearest above it in the tree; for a floor root, below it; for a control that hangs beside the
+    body, in space.
+    """
     carrier = np.arange(len(parents))
-    first = int(np.flatnonzero(moves)[0]) if moves.any() else 0
+    if not moves.any():
+        return np.zeros_like(carrier)
+    below, depth = descendants(parents), depths(parents)
     for joint in np.flatnonzero(~moves):
-        carrier[joint] = first if parents[joint] == NO_PARENT else carrier[parents[joint]]
+        higher = np.flatnonzero(moves & below[:, joint])
+        lower = np.flatnonzero(moves & below[joint])
+        if len(higher):
+            carrier[joint] = higher[depth[higher].argmax()]
+        elif len(lower):
+            carrier[joint] = lower[depth[lower].argmin()]
+        else:
+            away = np.linalg.norm(joints - joints[joint], axis=1)
+            carrier[joint] = np.where(moves, away, np.inf).argmin()
     return carrier
 
 

@@ -127,12 +127,22 @@ def test_a_joint_that_moves_nothing_keeps_its_place_beside_the_others(creature, 
 def test_the_nearest_moving_joint_by_hand():
     """A floor root goes with the first that moves; a chain of tips with the last that does."""
     moves = np.array([False, True, True, False, False])
-    carrier = nearest_moving_joint(moves, np.array([-1, 0, 1, 2, 3]))
+    carrier = nearest_moving_joint(moves, np.array([-1, 0, 1, 2, 3]), np.zeros((5, 3)))
     np.testing.assert_array_equal(carrier, [1, 1, 2, 2, 2])
 
 
+def test_a_control_beside_the_body_goes_with_the_joint_nearest_in_space():
+    """A still root with hips, a hand and, on its own branch, the hand's control; a stray root."""
+    moves = np.array([False, True, True, False, False, False])
+    places = np.array(
+        [[0.0, 0, 0], [0, 1, 0], [0.7, 1.4, 0], [0.8, 1.4, 0], [0.9, 1, 0], [0, 0, 3]]
+    )
+    carrier = nearest_moving_joint(moves, np.array([-1, 0, 1, 0, 3, -1]), places)
+    np.testing.assert_array_equal(carrier, [1, 1, 2, 2, 2, 1])
+
+
 def test_when_nothing_moves_the_first_joint_carries_all():
-    carrier = nearest_moving_joint(np.zeros(3, bool), np.array([-1, 0, 1]))
+    carrier = nearest_moving_joint(np.zeros(3, bool), np.array([-1, 0, 1]), np.eye(3))
     np.testing.assert_array_equal(carrier, 0)
 
 

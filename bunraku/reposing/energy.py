@@ -21,14 +21,19 @@ def goal_joints(
     rest: Float[np.ndarray, "joints 3"],
     parents: Int[np.ndarray, " joints"],
 ) -> Float[np.ndarray, "joints 3"]:
-    """Build the goal skeleton: the source's bone directions with the figure's bone lengths."""
+    """Build the goal skeleton: the source's bone directions with the figure's bone lengths.
+
+    Where the source's bone has no length, and so no direction, the figure's own is kept.
+    """
     goal = joints.copy()
+    least = 1e-6 * float(np.ptp(rest, axis=0).max())
     for joint in root_first(parents):
         parent = parents[joint]
         if parent != NO_PARENT:
-            bone = rest[joint] - rest[parent]
-            length = np.linalg.norm(joints[joint] - joints[parent])
-            goal[joint] = goal[parent] + bone * (length / max(float(np.linalg.norm(bone)), 1e-9))
+            bone, own = rest[joint] - rest[parent], joints[joint] - joints[parent]
+            length = float(np.linalg.norm(bone))
+            stretch = float(np.linalg.norm(own)) / max(length, 1e-300)
+            goal[joint] = goal[parent] + (bone * stretch if length > least else own)
     return goal
 
 
@@ -74,7 +79,8 @@ def recover_rest_pose(
     Returns:
         world rotation of each joint from the figure as found to its rest pose.
     """
-    size = 1.7 / max(float(np.ptp(rest, axis=0).max()), 1e-9)
+    extent = float(np.ptp(rest, axis=0).max())
+    size = 1.7 / extent if extent > 0 else 1.0
     goal = goal_joints(joints, rest, parents) * size
     own = joints * size
     count = len(parents)

@@ -50,6 +50,20 @@ def test_a_bone_without_length_stays_without():
     np.testing.assert_allclose(goal, [[0, 0, 0], [0, 0, 0], [2, 0, 0]])
 
 
+@pytest.mark.parametrize("length", [0.0, 1e-9])
+def test_a_bone_without_direction_in_the_source_keeps_the_figures(length):
+    rest = np.array([[0.0, 0, 0], [0, 0, length], [1, 0, 0]])
+    goal = goal_joints(np.array([[0.0, 0, 0], [0, 3, 0], [0, 5, 0]]), rest, CHAIN)
+    np.testing.assert_allclose(goal, [[0, 0, 0], [0, 3, 0], [2, 3, 0]], atol=1e-8)
+
+
+def test_a_skeleton_of_one_joint_is_turned_as_its_surface_is():
+    found = turn("y", 40)[None]
+    one, far = np.array([-1]), np.array([[3.0, -4.0, 5.0]])
+    turns = recover_rest_pose(far, far + 2, one, surface_turns=found, trust=np.ones(1))
+    np.testing.assert_allclose(turns[0], found[0].T, atol=1e-6)
+
+
 def test_places_after_a_quarter_turn_of_the_elbow():
     joints = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]])
     turns = np.stack([np.eye(3), turn("z", 90), np.eye(3)])
