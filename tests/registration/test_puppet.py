@@ -209,7 +209,7 @@ def test_the_tree_starts_at_the_top_with_the_most_surface_below_it():
     hierarchy = np.zeros((4, 4), bool)
     hierarchy[1, 2] = hierarchy[2, 3] = True  # hips > chest > head, and the prop beside them
     weights = np.array([[1.0, 0, 0, 0], [0, 0.5, 0.5, 0], [0, 0, 0.5, 0.5], [0, 0, 0, 1]])
-    order, tree = join_by_shared_surface(np.array([1.0, 0.5, 2, 2]), weights, hierarchy)
+    order, tree = join_by_shared_surface(np.array([2.0, 0.5, 2, 2]), weights, hierarchy)
     assert order[0] == 1 and tree[0] == -1
 
 
