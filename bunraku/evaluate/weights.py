@@ -134,7 +134,7 @@ def measure(target: Target, source: Character, *, modes: int = 100, seed: int = 
     carried |= {"ours": ours.character.skin.weights}
     height = metrics.figure_height(target.rest)
     pairs = left_right_pairs(source.skeleton.names)
-    rested, turns = _rest_pose(ours, target)
+    rested, turns = unpose(ours, target)
     found = np.linalg.inv(ours.character.skin.inverse_bind)[:, :3, 3]
     parents = source.skeleton.parents
     forward = target.turns[0] @ np.array([0.0, 0.0, 1.0])
@@ -208,7 +208,7 @@ def bone_axes(
     return axes / np.maximum(np.linalg.norm(axes, axis=1, keepdims=True), 1e-12)
 
 
-def _rest_pose(
+def unpose(
     ours: RigTransfer, target: Target
 ) -> tuple[Float[np.ndarray, "vertices 3"], Float[np.ndarray, "joints 3 3"]]:
     """Give the figure in the rest pose found, and how each joint turns from there to the pose.

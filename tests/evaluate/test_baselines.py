@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from bunraku.evaluate.baselines import copy_by_name, fit_box, nearest_vertex, own_rig
 from bunraku.evaluate.metrics import pose_distance
@@ -13,6 +14,20 @@ def test_copying_a_clip_to_its_own_skeleton_changes_nothing(stick):
     copied = copy_by_name(clip, stick.skeleton, stick.skeleton, 1.0)
     moved = play_clip(replace(stick, clips=(copied,)), copied)
     np.testing.assert_allclose(moved, play_clip(stick, clip), atol=1e-12)
+
+
+def test_turns_since_rest_are_copied_between_other_rest_frames(stick):
+    """The target's tip rests turned about X; it must bend about its own Z by the same angle."""
+    rest = stick.skeleton.rest.copy()
+    rest[1, :3, :3] = Rotation.from_rotvec([0.4, 0, 0]).as_matrix()
+    tilted = replace(stick.skeleton, rest=rest)
+    there = copy_by_name(stick.clips[0], stick.skeleton, tilted, 1.0)
+    expected = Rotation.from_rotvec([0.4, 0, 0]) * Rotation.from_rotvec([0, 0, 1.0])
+    np.testing.assert_allclose(
+        Rotation.from_quat(there.rotations[-1, 1]).as_matrix(), expected.as_matrix(), atol=1e-9
+    )
+    back = copy_by_name(there, tilted, stick.skeleton, 1.0)
+    np.testing.assert_allclose(np.abs(back.rotations), np.abs(stick.clips[0].rotations), atol=1e-9)
 
 
 def test_the_own_rig_walks_as_far_as_its_size(stick, tall_stick):

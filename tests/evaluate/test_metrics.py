@@ -106,6 +106,15 @@ def test_a_foot_is_planted_while_low_and_slow():
     feet[1:, 0, 0] = 0.1  # and darts forward in the first step, 1 m/s
     planted = metrics.foot_contacts(feet, times, height=1.0)
     np.testing.assert_array_equal(planted[:, 0], [False, True, False, False])
+    np.testing.assert_array_equal(metrics.foot_contacts(5 * feet, times, height=5.0), planted)
+
+
+def test_a_foot_that_lifts_slowly_is_planted_no_more():
+    feet = np.zeros((3, 1, 3))
+    feet[:, 0, 0], feet[2, 0, 1] = [0.0, 0.05, 0.1], 0.05
+    for size in (1.0, 5.0):
+        planted = metrics.foot_contacts(size * feet, np.array([0.0, 0.5, 1.0]), height=size)
+        np.testing.assert_array_equal(planted[:, 0], [True, False])
 
 
 def test_foot_slide_is_metres_per_second_of_contact():
@@ -162,6 +171,7 @@ def test_front_back_flip_is_seen_in_the_feet_alone(rng):
     forward = np.array([0.0, 0.0, 1.0])
     noisy = bones + rng.normal(scale=0.02, size=bones.shape)
     assert not metrics.is_turned_back(noisy, bones, forward)
+    assert not metrics.is_turned_back(noisy * [[1], [1], [-1]], bones, forward)
     assert metrics.is_turned_back(noisy * [1, 1, -1], bones, forward)
     assert not metrics.is_turned_back(noisy * [1, 1, -1], bones, -forward[[2, 0, 1]])
 

@@ -85,6 +85,8 @@ def test_the_truth_of_a_frozen_figure_is_its_own_clip(family, monkeypatch, tall_
     assert row.pose == "nod"
     assert row.scores["ours"].pmd_in_place == pytest.approx(0.0, abs=1e-9)
     assert row.scores["nearest vertex"].pmd_in_place > 1.0
+    # this answer is bound at rest: the frozen figure has walked .1 m of its 2 m
+    assert row.joints == pytest.approx(5.0)
 
 
 def test_a_target_without_clips_is_compared_by_joint_name(family, naive, tall_stick, monkeypatch):

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -5,8 +7,9 @@ from scipy.spatial.transform import Rotation
 from bunraku.evaluate import metrics, weights
 from bunraku.graphs import mesh_edges
 from bunraku.rotations import compose_transforms, invert_rigid
+from bunraku.routes.from_rig import RigTransfer
 from bunraku.skinning import linear_blend_skinning
-from bunraku.types import FormatError
+from bunraku.types import Character, FormatError, Skin
 
 
 def write_body(path, rng, **more):
@@ -54,6 +57,24 @@ def test_a_folder_without_bodies_is_named(tmp_path, folder):
     (folder / "tgt01.npz").unlink()
     with pytest.raises(FormatError, match="holds no targets"):
         next(weights.read_targets(folder, source.skeleton))
+
+
+def test_the_heading_of_a_rest_pose_is_no_twist(folder, rng):
+    """A figure found at rest, whose rest pose was found facing left."""
+    source = weights.read_source(folder)
+    (target,) = weights.read_targets(folder, source.skeleton)
+    still = replace(target, rest=target.mesh.vertices, turns=np.tile(np.eye(3), (2, 1, 1)))
+    left = compose_transforms(np.zeros(3), Rotation.from_rotvec([0, 1.5, 0]).as_matrix())
+    ours = object.__new__(RigTransfer)
+    ours.__dict__.update(
+        repose_motion=np.tile(left, (2, 1, 1)),
+        character=Character(
+            still.mesh, source.skeleton, Skin(target.weights, np.tile(left, (2, 1, 1)))
+        ),
+    )
+    rested, turns = weights.unpose(ours, still)
+    assert metrics.rest_pose_error(rested, still.rest, 1.0) < 1e-9
+    np.testing.assert_allclose(turns, still.turns, atol=1e-9)
 
 
 def make_row(name, errors):
