@@ -13,8 +13,14 @@ def face_normals(
     vertices: Float[np.ndarray, "vertices 3"], faces: Int[np.ndarray, "faces 3"]
 ) -> Float[np.ndarray, "faces 3"]:
     """Give each face's normal, as long as twice its area."""
-    corners = vertices[faces]
-    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    first, second, third = (vertices[corner] for corner in faces.T)
+    second -= first
+    third -= first
+    normals = np.empty_like(first)
+    for axis in range(3):  # np.cross takes five times as long on a million faces
+        j, k = (axis + 1) % 3, (axis + 2) % 3
+        normals[:, axis] = second[:, j] * third[:, k] - second[:, k] * third[:, j]
+    return normals
 
 
 def surface_area(
@@ -69,33 +75,41 @@ def weld(
     """Merge vertices at equal positions, and drop the faces that collapse.
 
     Args:
-        tolerance: grid on which positions count as equal, as a share of the longest extent.
+        tolerance: grid on which positions count as equal, as a share of the longest extent;
+            5e-7 or more.
 
     Returns:
         the welded vertices, the faces that remain, and the welded vertex of each old vertex.
     """
     extent = float(np.ptp(vertices, axis=0).max()) if len(vertices) else 1.0
     grid = np.round((vertices - vertices.min(axis=0)) / max(tolerance * extent, 1e-300))
-    _, first, welded_of = np.unique(grid, axis=0, return_index=True, return_inverse=True)
-    welded_of = welded_of.reshape(-1)
+    places = grid.astype(np.int64)
+    place = np.ravel_multi_index(tuple(places.T), tuple(places.max(axis=0) + 1))
+    _, first, welded_of = np.unique(place, return_index=True, return_inverse=True)
     merged = welded_of[faces]
-    alive = (merged != np.roll(merged, 1, axis=1)).all(axis=1)
+    first_corner, second_corner, third_corner = merged.T
+    alive = (
+        (first_corner != second_corner)
+        & (second_corner != third_corner)
+        & (third_corner != first_corner)
+    )
     return vertices[first], merged[alive], welded_of
 
 
 def connected_parts(faces: Int[np.ndarray, "faces 3"], count: int) -> Int[np.ndarray, " vertices"]:
     """Number the connected parts of a mesh of `count` vertices; give each vertex its part."""
-    rows, columns = faces[:, [0, 1, 2]].ravel(), faces[:, [1, 2, 0]].ravel()
+    rows, columns = faces[:, :2].ravel(), faces[:, 1:].ravel()  # two edges tie three corners
     adjacency = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(count, count))
     return connected_components(adjacency, directed=False)[1].astype(np.int64)
 
 
 def is_closed(faces: Int[np.ndarray, "faces 3"]) -> bool:
     """Tell whether every edge has exactly two faces that agree on its direction."""
-    edges = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    forward, counts = np.unique(edges, axis=0, return_counts=True)
-    backward = np.unique(edges[:, ::-1], axis=0)
-    return bool(len(faces)) and bool((counts == 1).all()) and np.array_equal(forward, backward)
+    if not len(faces):
+        return False
+    starts, ends, count = faces.ravel(), faces[:, [1, 2, 0]].ravel(), int(faces.max()) + 1
+    forward, backward = np.sort(starts * count + ends), np.sort(ends * count + starts)
+    return bool((np.diff(forward) > 0).all()) and np.array_equal(forward, backward)
 
 
 def closest_points(

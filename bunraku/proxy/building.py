@@ -1,5 +1,6 @@
 """Build the closed proxy of a figure (winding number, marching cubes, decimation)."""
 
+import logging
 from dataclasses import dataclass
 
 import igl
@@ -11,8 +12,11 @@ from bunraku import meshes
 from bunraku.proxy import closed, clouds, solids, surfaces, voxels
 from bunraku.types import Mesh
 
+logger = logging.getLogger(__name__)
+
 MOST_FACES = 200_000  # of a figure that is looked at in full
 MOST_POINTS = 30_000  # of a cloud that is looked at in full
+FINENESS = (8, 4, 2, 1)  # nodes that the surface touches, per vertex of the proxy, in turn
 THICKNESS = 1.8  # of a surface without inside, in cells: no node spacing slips through
 
 
@@ -83,11 +87,17 @@ def soup_of_faces(figure: Mesh, *, samples: int = 200_000) -> Soup:
     rng = np.random.default_rng(0)
     face, barycentric = meshes.sample_surface(figure.vertices, faces, samples, rng)
     normals = meshes.face_normals(figure.vertices, faces)[face]
+    tree = igl.FastWindingNumberBVH()
+    tree.init(figure.vertices, faces)
+
+    def distance(points: Float[np.ndarray, "points 3"]) -> Float[np.ndarray, " points"]:
+        return np.sqrt(igl.point_mesh_squared_distance(points, figure.vertices, faces)[0])
+
     return Soup(
         meshes.interpolate(figure.vertices, faces[face], barycentric),
         normals / np.linalg.norm(normals, axis=1, keepdims=True),
-        lambda points: igl.fast_winding_number(figure.vertices, faces, points),
-        lambda points: meshes.closest_points(points, figure.vertices, faces)[2],
+        tree.winding_number,
+        distance,
     )
 
 
@@ -129,25 +139,41 @@ def face_outwards(
     return np.where((volume < 0)[patch][:, None], turned[:, ::-1], turned)
 
 
-def fitting_grid(
-    samples: Float[np.ndarray, "samples 3"], touched: int, spacing: float
-) -> voxels.Grid:
-    """Choose the cell so that the surface touches about this many nodes, yet no finer than it."""
-    coarse = voxels.grid_around(samples, 64)
-    count = int(voxels.touched_nodes(samples, coarse).sum())
-    cells = float(np.clip(64 * np.sqrt(touched / count), 48, 160))
-    if spacing > 0:
-        cells = min(cells, float(np.ptp(samples, axis=0).max()) / spacing)
-    return voxels.grid_around(samples, max(int(cells), 8))
+def fitting_grid(soup: Soup, vertex_count: int, fineness: int) -> voxels.Grid:
+    """Choose the cell so that the surface touches about `fineness` nodes per vertex.
+
+    Neither finer than the soup, nor so fine or coarse that the figure would not be known.
+    """
+    coarse = voxels.grid_around(soup.points, 64)
+    count = int(voxels.touched_nodes(soup.points, coarse).sum())
+    wanted = 64 * np.sqrt(fineness * vertex_count / count)
+    cells = float(np.clip(wanted, 6 * fineness, 20 * fineness))
+    if soup.spacing > 0:
+        cells = min(cells, float(np.ptp(soup.points, axis=0).max()) / soup.spacing)
+    return voxels.grid_around(soup.points, max(int(cells), 8))
 
 
 def wrap(soup: Soup, vertex_count: int) -> Mesh:
-    """Triangulate the border of the figure's solid anew, with about this many vertices."""
-    grid = fitting_grid(soup.points, 8 * vertex_count, soup.spacing)
+    """Triangulate the border of the figure's solid anew, with about this many vertices.
+
+    The border is clean, whatever the figure; if bringing it to size spoils it, a coarser one is
+    tried, and in the last resort the coarsest is taken as it is.
+    """
+    fine = border(soup, vertex_count, FINENESS[0])
+    for fineness in FINENESS[1:]:
+        mesh = closed.resample(fine, vertex_count)
+        if mesh is not None:
+            return mesh
+        logger.warning("the proxy was spoilt when simplified; trying a coarser grid")
+        fine = border(soup, vertex_count, fineness)
+    return fine
+
+
+def border(soup: Soup, vertex_count: int, fineness: int) -> Mesh:
+    """March around the figure's solid on a grid so much finer than the proxy shall be."""
+    grid = fitting_grid(soup, vertex_count, fineness)
     inside = voxels.inside_nodes(soup.winding, soup.points, grid)
     sheet = voxels.sheet_samples(soup.points, soup.normals, inside, grid)
     solid = solids.solid_nodes(voxels.thicken(inside, sheet, grid, THICKNESS))
     field = surfaces.signed_distance(solid, soup.distance, sheet, grid, THICKNESS)
-    fine = surfaces.march(field, grid)
-    coarse = closed.collapse_short_edges(fine, vertex_count)
-    return coarse if coarse is not None and closed.is_clean(coarse) else fine
+    return surfaces.march(field, grid)

@@ -9,6 +9,7 @@ from bunraku import meshes
 from bunraku.types import Mesh
 
 BESIDE = 0.03  # how far other parts may lie from the body, as a share of the longest extent
+MOST_HALVINGS = 20  # of the edges of a coarse body
 RIM = 0.5  # longest hole that is closed with a fan, as a share of the longest extent
 
 
@@ -103,47 +104,74 @@ def cuts_itself(body: Mesh, *, share: float = 0.12, samples: int = 20_000) -> bo
 def resample(body: Mesh, vertex_count: int) -> Mesh | None:
     """Bring a clean mesh to about so many vertices, keeping its topology.
 
-    Between half and two and a half times as many it is kept as it is. Otherwise coarse triangles are split, then the
-    shortest edges collapsed, which leaves triangles of even size.
+    Between half and two and a half times as many it is kept as it is. Otherwise long edges are
+    split, then the shortest collapsed, which leaves triangles of even size.
 
     Returns:
-        None if no clean mesh came out.
+        None if no clean mesh of about that size came out.
     """
     if vertex_count / 2 <= len(body.vertices) <= 2.5 * vertex_count:
         return body
     finer = split_long_edges(body, vertex_count)
-    if len(finer.faces) > 40 * vertex_count:
-        finer = simplify(finer, 20 * vertex_count)
     coarser = collapse_short_edges(finer, vertex_count)
-    return coarser if coarser is not None and is_clean(coarser) else None
+    return coarser if stands_in(coarser, vertex_count) else None
 
 
-def collapse_short_edges(mesh: Mesh, vertex_count: int) -> Mesh | None:
+def stands_in(mesh: Mesh, vertex_count: int) -> bool:
+    """Tell whether a mesh is clean, faces outwards and has half to double as many vertices."""
+    fits = vertex_count / 2 <= len(mesh.vertices) <= 2 * vertex_count
+    return fits and is_clean(mesh) and meshes.signed_volume(mesh.vertices, mesh.faces) > 0
+
+
+def collapse_short_edges(mesh: Mesh, vertex_count: int) -> Mesh:
     """Collapse the shortest edges that may go without harm to the topology, until so many are left.
 
-    Returns:
-        None if the mesh is not manifold.
+    What is not manifold comes back without faces.
     """
     if len(mesh.vertices) <= vertex_count:
         return mesh
     vertices, faces, *_ = igl.decimate(mesh.vertices, mesh.faces, 2 * vertex_count)
-    return Mesh(vertices, faces.astype(np.int64)) if len(faces) else None
+    return Mesh(vertices, faces.astype(np.int64))
 
 
 def split_long_edges(body: Mesh, vertex_count: int) -> Mesh:
-    """Split every triangle in four until nearly all edges are as short as they shall become."""
+    """Halve the long edges of a closed mesh until it is as fine as it shall become, or finer."""
     area = meshes.surface_area(body.vertices, body.faces)
-    wanted = 1.5 * np.sqrt(area / vertex_count)  # an even mesh has edges of 1.07 times the root
-    vertices, faces = body.vertices, body.faces
-    while len(faces) < 60 * vertex_count:
-        first, second = vertices[faces], vertices[np.roll(faces, 1, axis=1)]
-        lengths = np.linalg.norm(first - second, axis=2).max(axis=1)
-        large = np.linalg.norm(meshes.face_normals(vertices, faces), axis=1)
-        if large[lengths > wanted].sum() < 0.1 * large.sum() and len(vertices) >= vertex_count:
-            break
-        vertices, split = igl.upsample(vertices, faces, 1)
-        faces = split.astype(np.int64)
-    return Mesh(vertices, faces)
+    longest = float(np.sqrt(area / vertex_count))  # an even mesh has edges of 1.07 times that
+    for _ in range(MOST_HALVINGS):
+        finer = halve_edges(body, longest)
+        if len(finer.faces) == len(body.faces):
+            if len(body.vertices) >= vertex_count:
+                break
+            longest *= 0.7
+        crowded = len(finer.vertices) > 6 * vertex_count  # thin triangles beget thin triangles
+        body = collapse_short_edges(finer, 2 * vertex_count) if crowded else finer
+    return body
+
+
+def halve_edges(mesh: Mesh, longest: float) -> Mesh:
+    """Put a vertex into the middle of every longer edge, and cut its triangles there."""
+    count = len(mesh.vertices)
+    ends = np.sort(np.stack([mesh.faces, np.roll(mesh.faces, -1, axis=1)], axis=-1), axis=-1)
+    keys, edge = np.unique(ends[..., 0] * count + ends[..., 1], return_inverse=True)
+    start, stop = (mesh.vertices[keys // count], mesh.vertices[keys % count])
+    lengths = np.linalg.norm(stop - start, axis=1)
+    long = lengths > longest
+    middle = np.where(long, count - 1 + np.cumsum(long), -1)
+    edge = edge.reshape(-1, 3)
+    turns = (lengths[edge].argmax(axis=1)[:, None] + np.arange(3)) % 3  # the longest edge first
+    corners, edge = np.take_along_axis(mesh.faces, turns, 1), np.take_along_axis(edge, turns, 1)
+    kept = ~long[edge[:, 0]]
+    (a, b, c), (ab, bc, ca) = corners[~kept].T, middle[edge[~kept]].T
+    pieces = [
+        corners[kept],
+        np.column_stack([a, ab, np.where(ca < 0, c, ca)]),
+        np.column_stack([ab, c, ca])[ca >= 0],
+        np.column_stack([ab, b, np.where(bc < 0, c, bc)]),
+        np.column_stack([ab, bc, c])[bc >= 0],
+    ]
+    vertices = np.concatenate([mesh.vertices, (start + stop)[long] / 2])
+    return Mesh(vertices, np.concatenate(pieces))
 
 
 def simplify(mesh: Mesh, face_count: int) -> Mesh:

@@ -43,19 +43,31 @@ def lift_weights(
     part, areas = hanging_parts(vertices, faces)
     depth = np.linalg.norm(vertices - lift(proxy, proxy.mesh.vertices), axis=1)
     hidden = depth > HIDDEN * np.ptp(vertices, axis=0).max()
-    lifted = lifted[nearest_seen(vertices, faces, hidden)]
+    lifted[hidden] = lifted[nearest_seen(vertices, faces, hidden)[hidden]]
     count = int(part.max()) + 1
     part_areas = np.bincount(part, areas, count)
-    mean = (
-        _sum_parts(part, areas[:, None] * lifted, count) / np.maximum(part_areas, 1e-300)[:, None]
-    )
-    apart = np.abs(lifted - mean[part]).sum(axis=1) / 2
-    spread = np.bincount(part, areas * apart, count) / np.maximum(part_areas, 1e-300)
+    mean, spread = part_means(lifted, part, areas, count)
     share = part_areas / part_areas.sum()
     whole = moves_as_whole(mean, spread, share, part_extents(vertices, part, count))
     rigid = whole[part]
     lifted[rigid] = sharpen(mean)[part[rigid]]
     return lifted
+
+
+def part_means(
+    values: Float[np.ndarray, "vertices joints"],
+    part: Int[np.ndarray, " vertices"],
+    areas: Float[np.ndarray, " vertices"],
+    count: int,
+) -> tuple[Float[np.ndarray, "parts joints"], Float[np.ndarray, " parts"]]:
+    """Average the weights of each part by area, and their distances from that average."""
+    total = np.maximum(np.bincount(part, areas, count), 1e-300)
+    shares = areas / total[part]
+    mean = csr_array((shares, (part, np.arange(len(part)))), shape=(count, len(part))) @ values
+    apart = np.zeros(len(part))
+    for joint, middle in enumerate(mean.T):  # all joints at once would fill the memory
+        apart += np.abs(values[:, joint] - middle[part])
+    return mean, np.bincount(part, shares * apart / 2, count)
 
 
 def nearest_seen(
@@ -87,14 +99,6 @@ def nearest_seen(
     someone[welded_of] = nearest
     seen = np.where(below & (sources >= 0), sources, np.arange(len(welded)))
     return np.where(hidden, someone[seen[welded_of]], nearest)
-
-
-def _sum_parts(
-    part: Int[np.ndarray, " vertices"], values: Float[np.ndarray, "vertices joints"], count: int
-) -> Float[np.ndarray, "parts joints"]:
-    """Add up the rows of each part."""
-    vertices = np.arange(len(part))
-    return csr_array((np.ones(len(part)), (part, vertices)), shape=(count, len(part))) @ values
 
 
 def hanging_parts(

@@ -12,11 +12,24 @@ MOST_PIECES = 64  # loose pieces looked at, largest first
 
 
 def solid_nodes(inside: Bool[np.ndarray, "x y z"]) -> Bool[np.ndarray, "x y z"]:
-    """Make one solid: tie the pieces together, fill what is enclosed, plug small tunnels."""
+    """Make one solid: tie the pieces together, fill what is enclosed, plug small tunnels.
+
+    Both the solid and what is around it hang together face to face, so that its border is one
+    closed surface.
+    """
     solid = fill(bridge(inside))
     for steps in (1, 2):
         solid = fill(plug_tunnels(solid, steps))
-    return solid
+    return fill(largest_piece(solid))
+
+
+def largest_piece(solid: Bool[np.ndarray, "x y z"]) -> Bool[np.ndarray, "x y z"]:
+    """Drop all but the largest piece that hangs together face to face."""
+    labels, count = ndimage.label(solid)
+    if count <= 1:
+        return solid
+    sizes = np.bincount(labels.ravel())
+    return labels == 1 + int(sizes[1:].argmax())
 
 
 def fill(solid: Bool[np.ndarray, "x y z"]) -> Bool[np.ndarray, "x y z"]:

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy import ndimage
 from scipy.spatial import cKDTree
 
 Winding = Callable[[Float[np.ndarray, "points 3"]], Float[np.ndarray, " points"]]
@@ -76,7 +75,9 @@ def inside_nodes(
         coarse = grid.coarser(level)
         if level < LEVELS:
             some, every = _between(inside, np.logical_or), _between(inside, np.logical_and)
-            asked = (some & ~every) | dilate(touched_nodes(samples, coarse))
+            touched = touched_nodes(samples, coarse)
+            beside = [_widened(touched, axis) for axis in range(3)]
+            asked = np.logical_or.reduce([some & ~every, *beside])
             inside = every
         nodes = np.argwhere(asked)
         inside[tuple(nodes.T)] = np.abs(winding(coarse.points(nodes))) > 0.5
@@ -103,12 +104,27 @@ def touched_nodes(samples: Float[np.ndarray, "samples 3"], grid: Grid) -> Bool[n
 
 def dilate(mask: Bool[np.ndarray, "x y z"], steps: int = 1) -> Bool[np.ndarray, "x y z"]:
     """Mark what lies within so many nodes of the marked, diagonals included."""
-    return ndimage.maximum_filter(mask.view(np.uint8), 2 * steps + 1, mode="constant").view(bool)
+    for axis in (0, 1, 2) * steps:
+        mask = _widened(mask, axis)
+    return mask
 
 
 def erode(mask: Bool[np.ndarray, "x y z"], steps: int = 1) -> Bool[np.ndarray, "x y z"]:
-    """Keep what lies at least so many nodes within the marked, diagonals included."""
-    return ndimage.minimum_filter(mask.view(np.uint8), 2 * steps + 1, mode="constant").view(bool)
+    """Keep what lies at least so many nodes within the marked and the grid, diagonals included."""
+    for axis in (0, 1, 2) * steps:
+        mask = ~_widened(~mask, axis)
+        rim = np.moveaxis(mask, axis, 0)
+        rim[0], rim[-1] = False, False
+    return mask
+
+
+def _widened(mask: Bool[np.ndarray, "x y z"], axis: int) -> Bool[np.ndarray, "x y z"]:
+    """Mark also the two neighbours along one axis."""
+    wide = mask.copy()
+    old, new = np.moveaxis(mask, axis, 0), np.moveaxis(wide, axis, 0)
+    new[1:] |= old[:-1]
+    new[:-1] |= old[1:]
+    return wide
 
 
 def sheet_samples(

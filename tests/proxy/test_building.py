@@ -4,7 +4,7 @@ import pytest
 
 from bunraku import meshes
 from bunraku.graphs import geodesic_distances
-from bunraku.proxy import build_proxy, lift
+from bunraku.proxy import build_proxy, closed, lift
 from bunraku.proxy.building import face_outwards
 from bunraku.types import Mesh
 from tests.proxy.shapes import box, genus, together, trestle
@@ -99,6 +99,24 @@ def test_twice_the_same_input_gives_the_same_bytes():
     first, second = (build_proxy(figure.vertices, figure.faces) for _ in range(2))
     assert np.array_equal(first.mesh.vertices, second.mesh.vertices)
     assert np.array_equal(first.barycentric, second.barycentric)
+
+
+def test_a_spoilt_proxy_is_made_anew_on_a_coarser_grid(monkeypatch, caplog):
+    tries, resample = [], closed.resample
+
+    def spoil_twice(body, count):
+        tries.append(len(body.vertices))
+        return None if len(tries) < 3 else resample(body, count)
+
+    monkeypatch.setattr(closed, "resample", spoil_twice)
+    mesh = proxy_of(trestle(), 500).mesh
+    assert tries[0] > tries[1] > tries[2] and 250 <= len(mesh.vertices) <= 1250
+    assert caplog.text.count("trying a coarser grid") == 2
+
+
+def test_the_last_resort_is_clean_and_of_about_the_right_size(monkeypatch):
+    monkeypatch.setattr(closed, "resample", lambda body, count: None)
+    assert 250 <= len(proxy_of(trestle(), 500).mesh.vertices) <= 1250
 
 
 def test_a_line_is_no_figure():

@@ -1,8 +1,10 @@
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from bunraku import meshes
 from bunraku.proxy import solids, surfaces, voxels
+from bunraku.proxy.closed import is_clean
 from tests.proxy.shapes import genus
 
 
@@ -56,6 +58,32 @@ def test_a_far_speck_is_dropped():
     alone = two.copy()
     two[30, 5, 5] = True
     assert np.array_equal(solids.bridge(two), alone)
+
+
+@pytest.mark.parametrize("share", [0.01, 0.05, 0.2, 0.5])
+def test_any_nodes_become_one_clean_lump(share, rng):
+    marked = np.zeros((28, 28, 28), bool)
+    marked[3:-3, 3:-3, 3:-3] = rng.random((22, 22, 22)) < share
+    mesh = surface(solids.solid_nodes(marked))
+    assert is_clean(mesh)
+    assert meshes.signed_volume(mesh.vertices, mesh.faces) > 0
+
+
+def test_of_two_lumps_that_touch_at_a_corner_the_larger_stays():
+    solid = np.zeros((9, 9, 9), bool)
+    solid[2:4, 2:4, 2:4] = True
+    alone = solid.copy()
+    solid[4, 4, 4] = True
+    assert np.array_equal(solids.largest_piece(solid), alone)
+    assert np.array_equal(solids.largest_piece(alone), alone)
+
+
+@pytest.mark.parametrize("steps", [1, 2])
+def test_dilate_and_erode_agree_with_cubes_of_neighbours(steps, rng):
+    mask = rng.random((12, 9, 11)) < 0.1
+    cube = np.ones((2 * steps + 1,) * 3)
+    assert np.array_equal(voxels.dilate(mask, steps), ndimage.binary_dilation(mask, cube))
+    assert np.array_equal(voxels.erode(~mask, steps), ndimage.binary_erosion(~mask, cube))
 
 
 @pytest.mark.parametrize("share", [0.1, 0.3, 0.5, 0.7])
