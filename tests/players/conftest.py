@@ -26,16 +26,29 @@ def packages() -> Path:
         cache.mkdir(parents=True, exist_ok=True)
         fresh = Path(tempfile.mkdtemp(dir=cache))
         wanted = [f"{name}@{version}" for name, version in VERSIONS.items()]
-        command = ["npm", "install", "--no-audit", "--no-fund", "--ignore-scripts", *wanted]
-        done = subprocess.run(command, cwd=fresh, capture_output=True, text=True, timeout=300)
-        if done.returncode:
+        fault = install(wanted, fresh)
+        if fault:
             shutil.rmtree(fresh)
-            pytest.skip(f"npm could not install the players (offline?): {done.stderr[-200:]}")
+            pytest.skip(f"npm could not install the players (offline?): {fault}")
         try:
             fresh.rename(folder)
         except OSError:  # another process was faster
             shutil.rmtree(fresh)
     return folder
+
+
+def install(wanted: list[str], folder: Path) -> str:
+    """Let npm fill a folder with packages; say what went wrong, if anything."""
+    options = ["--no-audit", "--no-fund", "--ignore-scripts", "--fetch-retries=0"]
+    command = ["npm", "install", *options, *wanted]
+    try:
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120)
+    except (subprocess.TimeoutExpired, OSError) as error:
+        return str(error)
+    if not done.returncode:
+        return ""
+    faults = [line for line in done.stderr.splitlines() if line.startswith("npm error")]
+    return "; ".join(faults[:2]) or f"npm ended with {done.returncode}"
 
 
 def run_node(script: str, *arguments: object, job: Any) -> Any:
