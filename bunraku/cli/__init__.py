@@ -18,6 +18,7 @@ from bunraku.cli.options import (
     FolderOption,
     ForceOption,
     InspectJsonOption,
+    LandmarksOption,
     OutOption,
     ReportOption,
     SeedOption,
@@ -52,6 +53,7 @@ def animate(
     performance: WithOption = None,
     clip: ClipOption = None,
     report: ReportOption = None,
+    landmarks: LandmarksOption = None,
     seed: SeedOption = 0,
     up: UpOption = None,
     facing: FacingOption = None,
@@ -62,14 +64,15 @@ def animate(
     from bunraku.formats import read_figure, write_character
 
     started = time.perf_counter()
-    inputs = [figure, performance]
+    inputs = [figure, performance, landmarks]
     steps.check_output(out, [".glb"], inputs=inputs)
     steps.check_output(report, [".json"], inputs=[*inputs, out])
     with steps.working(figure):
         found = read_figure(figure, up=up, facing=facing)
         source = steps.read_performer(performance)
         clips = steps.choose_clips(source, clip, performance)
-        transfer = steps.match(source, found, clips, seed=seed, force=force)
+        marks = steps.read_landmarks(landmarks, source)
+        transfer = steps.match(source, found, clips, seed=seed, force=force, landmarks=marks)
         write_character(out, found, transfer.character)
         if report:
             summary = steps.report_on(found, performance, source, transfer, started=started)

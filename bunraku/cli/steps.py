@@ -157,9 +157,12 @@ def match(
     *,
     seed: int,
     force: bool,
+    landmarks: Mapping[str, Sequence[float]] | None = None,
 ) -> RigTransfer:
     """Run the route, and print what it found doubtful."""
-    transfer = animate_from_rig(source, found.mesh, clips=clips, seed=seed, force=force)
+    transfer = animate_from_rig(
+        source, found.mesh, clips=clips, seed=seed, force=force, landmarks=landmarks
+    )
     for message in transfer.warnings:
         logger.warning("%s: %s", found.path, message)
     return transfer

@@ -195,7 +195,7 @@ def test_the_same_input_gives_the_same_bytes(animated, transfer, folder):
 def quick(monkeypatch, transfer, folder):
     """Run a command in this process, in the folder, with the route's work already done."""
 
-    def answer(source, figure, *, clips, seed, force):
+    def answer(source, figure, *, clips, seed, force, landmarks):
         kept = [clip for clip in transfer.character.clips if clip.name in {c.name for c in clips}]
         return replace(transfer, character=replace(transfer.character, clips=tuple(kept)))
 
@@ -222,7 +222,7 @@ def test_repose_moves_a_person_at_rest_hardly_at_all(quick, folder, out):
 
 
 def test_a_figure_that_cannot_be_matched_has_its_own_exit_code(quick, folder, monkeypatch, capsys):
-    def refuse(source, figure, *, clips, seed, force):
+    def refuse(source, figure, *, clips, seed, force, landmarks):
         raise MatchError("the figure does not fit; choose another performance, or --force")
 
     monkeypatch.setattr(steps, "animate_from_rig", refuse)
@@ -230,6 +230,20 @@ def test_a_figure_that_cannot_be_matched_has_its_own_exit_code(quick, folder, mo
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("error: person.obj: the figure does not fit")
     assert not (folder / "poor.glb").exists()
+
+
+def test_landmarks_reach_the_route(quick, transfer, folder, monkeypatch):
+    given = []
+
+    def listen(source, figure, *, clips, seed, force, landmarks):
+        given.append(landmarks)
+        return transfer
+
+    monkeypatch.setattr(steps, "animate_from_rig", listen)
+    (folder / "marks.json").write_text('{"hips": [0, 1, 0]}')
+    command = ["animate", "person.obj", "--with", "walker.glb", "-o", "marked.glb"]
+    assert quick([*command, "--landmarks", "marks.json"]) == 0
+    assert given == [{"hips": (0.0, 1.0, 0.0)}]
 
 
 def test_what_the_route_doubts_is_a_warning(quick, transfer, folder, monkeypatch, capsys):
