@@ -1,6 +1,8 @@
 """Imports point one way, and heavy packages stay where they belong."""
 
 import ast
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -84,3 +86,12 @@ def test_files_and_functions_stay_small(path):
 @pytest.mark.parametrize("path", sorted((ROOT / "routes").glob("from_*.py")), ids=name)
 def test_routes_read_on_one_screen_or_two(path):
     assert len(path.read_text().splitlines()) < 120
+
+
+def test_the_program_starts_before_anything_is_computed():
+    """Help answers at once: what a command needs is imported when it runs."""
+    look = "import sys, bunraku.cli; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", look], capture_output=True, text=True, check=True)
+    loaded = set(done.stdout.split())
+    assert "bunraku.cli" in loaded
+    assert not loaded & {"numpy", "scipy", "igl", "jaxtyping", "bunraku.types", "bunraku.formats"}
