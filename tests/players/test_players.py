@@ -1,5 +1,6 @@
 """Other programs accept what we write, and move it as we do."""
 
+import os
 from dataclasses import replace
 
 import numpy as np
@@ -12,14 +13,18 @@ from tests.creatures import make_creature
 from tests.formats.made_gltf import TRIANGLE, made_arm, made_triangle
 
 RIGGED = [
-    "humanoids/quaternius_smooth/Smooth_Male_Casual.glb",
-    "humanoids/robot_expressive/robot.glb",
     "humanoids/cesium_man/cesium_man.gltf",
-    "stylised/kaykit_adventurers/Knight.glb",
     "stylised/kenney_rigid_parts/character.glb",
     "creatures/khronos_fox/Fox.glb",
+]
+MORE = [
+    "humanoids/quaternius_smooth/Smooth_Male_Casual.glb",
+    "humanoids/robot_expressive/robot.glb",
+    "stylised/kaykit_adventurers/Knight.glb",
     "creatures/quaternius_enemies/Wasp.glb",
 ]
+if os.environ.get("BUNRAKU_THOROUGH"):
+    RIGGED += MORE
 
 
 @pytest.fixture(scope="module")
