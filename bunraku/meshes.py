@@ -27,7 +27,7 @@ def surface_area(
     vertices: Float[np.ndarray, "vertices 3"], faces: Int[np.ndarray, "faces 3"]
 ) -> float:
     """Sum the areas of all faces."""
-    return float(np.linalg.norm(face_normals(vertices, faces), axis=1).sum() / 2)
+    return float(igl.doublearea(vertices, faces).sum() / 2) if len(faces) else 0.0
 
 
 def signed_volume(
@@ -62,7 +62,7 @@ def vertex_areas(
     vertices: Float[np.ndarray, "vertices 3"], faces: Int[np.ndarray, "faces 3"]
 ) -> Float[np.ndarray, " vertices"]:
     """Give each vertex a third of the area of its faces."""
-    areas = np.linalg.norm(face_normals(vertices, faces), axis=1) / 2
+    areas = igl.doublearea(vertices, faces) / 2 if len(faces) else np.zeros(0)
     return sum_at_vertices(areas, faces, len(vertices)) / 3
 
 

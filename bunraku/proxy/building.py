@@ -16,6 +16,7 @@ logger = logging.getLogger(__name__)
 
 MOST_FACES = 200_000  # of a figure that is looked at in full
 MOST_POINTS = 30_000  # of a cloud that is looked at in full
+BLOCK = 100_000  # vertices that are placed on a proxy at a time
 FINENESS = (8, 4, 2, 1)  # nodes that the surface touches, per vertex of the proxy, in turn
 THICKNESS = 1.8  # of a surface without inside, in cells: no node spacing slips through
 
@@ -66,8 +67,18 @@ def build_proxy(
             f"a figure needs a surface, but its {len(vertices)} vertices lie on a line or a point"
         )
     mesh = build_mesh(Mesh(welded, kept), vertex_count)
-    face, barycentric, _ = meshes.closest_points(welded, mesh.vertices, mesh.faces)
-    return Proxy(mesh, mesh.faces[face][welded_of], barycentric[welded_of])
+    return place(welded, welded_of, mesh)
+
+
+def place(
+    welded: Float[np.ndarray, "welded 3"], welded_of: Int[np.ndarray, " vertices"], mesh: Mesh
+) -> Proxy:
+    """Find where each vertex lies on a proxy, block by block: a million at once fill the memory."""
+    blocks = np.array_split(welded, len(welded) // BLOCK + 1)
+    found = [meshes.closest_points(block, mesh.vertices, mesh.faces)[:2] for block in blocks]
+    face = np.concatenate([one for one, _ in found])
+    barycentric = np.concatenate([one for _, one in found])
+    return Proxy(mesh, mesh.faces[face[welded_of]], barycentric[welded_of])
 
 
 def build_mesh(figure: Mesh, vertex_count: int) -> Mesh:

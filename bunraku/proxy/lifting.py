@@ -37,10 +37,10 @@ def lift_weights(
     An eye, a hat, a buckle or a backpack gets one row of weights. What spans several joints (a
     shirt, a sleeve, a boot, long hair) keeps the weights of the skin below it, vertex by vertex.
     """
-    lifted = lift(proxy, weights)
     if not len(faces):
-        return lifted
+        return lift(proxy, weights)
     part, areas = hanging_parts(vertices, faces)
+    lifted = lift(proxy, weights)
     depth = np.linalg.norm(vertices - lift(proxy, proxy.mesh.vertices), axis=1)
     hidden = depth > HIDDEN * np.ptp(vertices, axis=0).max()
     lifted[hidden] = lifted[nearest_seen(vertices, faces, hidden)[hidden]]
@@ -81,12 +81,13 @@ def nearest_seen(
     part that is hidden whole keeps its own.
     """
     nearest = np.arange(len(vertices))
-    if not hidden.any():
+    used, around = np.unique(faces[hidden[faces].any(axis=1)], return_inverse=True)
+    if not len(used):
         return nearest
-    welded, kept, welded_of = meshes.weld(vertices, faces)
+    welded, kept, welded_of = meshes.weld(vertices[used], around.reshape(-1, 3))
     below = np.ones(len(welded), bool)
-    below[welded_of[~hidden]] = False
-    edges = graphs.mesh_edges(kept[below[kept].any(axis=1)])
+    below[welded_of[~hidden[used]]] = False
+    edges = graphs.mesh_edges(kept)
     lengths = np.maximum(graphs.edge_lengths(welded, edges), 1e-300)
     graph = graphs.adjacency(edges, lengths, len(welded))
     rim = np.unique(edges[~below[edges]])
@@ -96,9 +97,10 @@ def nearest_seen(
         graph, directed=False, indices=rim, min_only=True, return_predecessors=True
     )
     someone = np.empty(len(welded), np.int64)
-    someone[welded_of] = nearest
+    someone[welded_of] = used
     seen = np.where(below & (sources >= 0), sources, np.arange(len(welded)))
-    return np.where(hidden, someone[seen[welded_of]], nearest)
+    nearest[used] = np.where(hidden[used], someone[seen[welded_of]], used)
+    return nearest
 
 
 def hanging_parts(
@@ -114,9 +116,9 @@ def part_extents(
     vertices: Float[np.ndarray, "vertices 3"], part: Int[np.ndarray, " vertices"], count: int
 ) -> Float[np.ndarray, " parts"]:
     """Measure each part's longest side, as a share of the figure's."""
-    low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
-    np.minimum.at(low, part, vertices)
-    np.maximum.at(high, part, vertices)
+    ordered = vertices[np.argsort(part, kind="stable")]
+    starts = np.cumsum(np.bincount(part, minlength=count)) - np.bincount(part, minlength=count)
+    low, high = np.minimum.reduceat(ordered, starts), np.maximum.reduceat(ordered, starts)
     return (high - low).max(axis=1) / np.ptp(vertices, axis=0).max()
 
 
