@@ -60,7 +60,7 @@ def inside_nodes(
 ) -> Bool[np.ndarray, "x y z"]:
     """Mark the nodes around which the surface winds more than half a time, coarse to fine.
 
-    Finer grids ask only near the surface and where the coarser one sees a border.
+    Finer grids ask only on the surface, within thin plates and where the coarser one sees a border.
 
     Args:
         winding: the winding number of the surface around points.
@@ -76,8 +76,8 @@ def inside_nodes(
         if level < LEVELS:
             some, every = _between(inside, np.logical_or), _between(inside, np.logical_and)
             touched = touched_nodes(samples, coarse)
-            beside = [_widened(touched, axis) for axis in range(3)]
-            asked = np.logical_or.reduce([some & ~every, *beside])
+            pinched = [_pinched(touched, axis) for axis in range(3)]  # inside a thin plate
+            asked = np.logical_or.reduce([some & ~every, touched, *pinched])
             inside = every
         nodes = np.argwhere(asked)
         inside[tuple(nodes.T)] = np.abs(winding(coarse.points(nodes))) > 0.5
@@ -116,6 +116,14 @@ def erode(mask: Bool[np.ndarray, "x y z"], steps: int = 1) -> Bool[np.ndarray, "
         rim = np.moveaxis(mask, axis, 0)
         rim[0], rim[-1] = False, False
     return mask
+
+
+def _pinched(mask: Bool[np.ndarray, "x y z"], axis: int) -> Bool[np.ndarray, "x y z"]:
+    """Mark what lies between two marked neighbours along one axis."""
+    between = np.zeros_like(mask)
+    old, new = np.moveaxis(mask, axis, 0), np.moveaxis(between, axis, 0)
+    new[1:-1] = old[:-2] & old[2:]
+    return between
 
 
 def _widened(mask: Bool[np.ndarray, "x y z"], axis: int) -> Bool[np.ndarray, "x y z"]:

@@ -1,3 +1,4 @@
+import igl
 import numpy as np
 import pytest
 from scipy import ndimage
@@ -95,17 +96,16 @@ def test_marching_cubes_of_any_nodes_is_closed(share, rng):
     assert meshes.signed_volume(mesh.vertices, mesh.faces) > 0
 
 
-def test_sparse_winding_agrees_with_asking_every_node(cube):
-    import igl
-
-    grid = voxels.grid_around(cube.vertices, 40)
-    face, shares = meshes.sample_surface(
-        cube.vertices, cube.faces, 40_000, np.random.default_rng(0)
-    )
-    samples = meshes.interpolate(cube.vertices, cube.faces[face], shares)
+@pytest.mark.parametrize("thickness", [0.02, 0.03, 0.045, 0.06, 1.0])  # in cells: 0.8 to 40
+def test_sparse_winding_agrees_with_asking_every_node(cube, thickness):
+    vertices = cube.vertices * [1, thickness, 1]
+    grid = voxels.grid_around(vertices, 40)
+    rng = np.random.default_rng(0)
+    face, shares = meshes.sample_surface(vertices, cube.faces, 40_000, rng)
+    samples = meshes.interpolate(vertices, cube.faces[face], shares)
 
     def winding(points):
-        return igl.fast_winding_number(cube.vertices, cube.faces, points)
+        return igl.fast_winding_number(vertices, cube.faces, points)
 
     every = winding(grid.points(np.indices(grid.shape).reshape(3, -1).T)).reshape(grid.shape) > 0.5
     assert np.array_equal(voxels.inside_nodes(winding, samples, grid), every)
