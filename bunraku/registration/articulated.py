@@ -18,7 +18,7 @@ from bunraku.registration.correspondence import (
     misfit,
     robust_weights,
 )
-from bunraku.registration.puppet import Pose, Puppet, move_puppet, step_pose
+from bunraku.registration.puppet import Pose, Puppet, move_puppet, rest_pose, step_pose
 from bunraku.rotations import matrices_to_vectors
 from bunraku.types import NO_PARENT
 
@@ -53,6 +53,12 @@ FINE = (
     Stage(8, 500, 0.08, 0.1, 0.2, 1e-5, 1e-3),
     Stage(8, 500, 0.05, 0.06, 0.1, 1e-5, 3e-4),
 )
+# the same for proportions unlike the source's: bones stretch before they turn
+STIFF = (
+    Stage(8, 500, 0.1, 0.15, 0.3, 3e-3, 3e-4),
+    Stage(8, 500, 0.08, 0.1, 0.2, 1e-3, 1e-4),
+    Stage(8, 500, 0.05, 0.06, 0.1, 1e-3, 1e-4),
+)
 
 
 def fit(
@@ -61,14 +67,12 @@ def fit(
     surface: Surface,
     schedule: tuple[Stage, ...],
     *,
-    build: Float[np.ndarray, "joints 2"] | None = None,
-    pins: Pairs | None = None,
+    home: Pose | None = None,
 ) -> Pose:
     """Run a schedule of Gauss-Newton steps from a start pose.
 
     Args:
-        build: log-scales that cost nothing; None for the source's own proportions.
-        pins: pairs held through the whole schedule, beside those found by distance.
+        home: the pose whose turns and scales cost nothing; None for the source at rest.
     """
     for stage in schedule:
         for _ in range(stage.steps):
@@ -80,8 +84,8 @@ def fit(
                 normal_weight=stage.normals,
                 queries=stage.queries,
             )
-            pairs = pairs if pins is None else join_pairs(pairs, pins)
-            pose = gauss_newton_step(puppet, pose, surface, pairs, stage, build=build)
+            pairs = join_pairs(pairs, surface.pins)
+            pose = gauss_newton_step(puppet, pose, surface, pairs, stage, home=home)
     return pose
 
 
@@ -98,7 +102,7 @@ def gauss_newton_step(
     pairs: Pairs,
     stage: Stage,
     *,
-    build: Float[np.ndarray, "joints 2"] | None = None,
+    home: Pose | None = None,
 ) -> Pose:
     """Solve one linearised fit and apply it, no unknown by more than LARGEST_STEP."""
     jacobian, moved = motion_jacobian(puppet, pose, pairs.moving)
@@ -113,8 +117,7 @@ def gauss_newton_step(
     each = np.repeat(stage.points * weight, 3)
     hessian += flat.T @ (each[:, None] * flat)
     gradient += flat.T @ (each * residual.ravel())
-    extra = pose.scales if build is None else pose.scales - build
-    add_priors(hessian, gradient, puppet, pose, stage, extra)
+    add_priors(hessian, gradient, puppet, pose, stage, home or rest_pose(puppet))
     return apply_step(puppet, pose, cho_solve(cho_factor(hessian), gradient))
 
 
@@ -159,14 +162,18 @@ def add_priors(
     puppet: Puppet,
     pose: Pose,
     stage: Stage,
-    scales: Float[np.ndarray, "joints 2"],
+    home: Pose,
 ) -> None:
-    """Add, in place, the costs of turning (not the root) and of `scales` unlike the parent's."""
+    """Add, in place, the costs of turning away from home and of scaling unlike the parent.
+
+    The root turns freely.
+    """
     count = len(puppet.parents)
     child = np.flatnonzero(puppet.parents != NO_PARENT)
     turns, _, _ = pose.world(puppet)
     above = np.concatenate([np.eye(3)[None], turns])[puppet.parents + 1]
-    vectors = np.einsum("jab,jb->ja", above, matrices_to_vectors(pose.rotations))
+    turned = pose.rotations @ np.swapaxes(home.rotations, 1, 2)
+    vectors = np.einsum("jab,jb->ja", above, matrices_to_vectors(turned))
     vectors[puppet.parents == NO_PARENT] = 0.0
     turning = np.repeat(puppet.parents != NO_PARENT, 3) * stage.turns
     gradient[: 3 * count] -= turning * vectors.ravel()
@@ -178,7 +185,7 @@ def add_priors(
     block = np.block([[smooth + tie, -tie], [-tie, smooth + tie]])
     both = slice(3 * count, 5 * count)
     hessian[both, both] += block
-    gradient[both] -= block @ scales.T.ravel()
+    gradient[both] -= block @ (pose.scales - home.scales).T.ravel()
     diagonal = np.arange(len(hessian))
     hessian[diagonal, diagonal] += 1e-7
     hessian[diagonal[: 3 * count], diagonal[: 3 * count]] += turning

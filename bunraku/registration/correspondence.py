@@ -11,6 +11,16 @@ from bunraku.meshes import farthest_points, vertex_areas, vertex_normals
 
 
 @dataclass(frozen=True, eq=False)
+class Pairs:
+    """Points of the moving surface and where the still one wants them."""
+
+    moving: Int[np.ndarray, " pairs"]  # vertex of the moving surface
+    still: Int[np.ndarray, " pairs"]  # vertex of the still one
+    squared: Float[np.ndarray, " pairs"]  # distance squared, normals included
+    weight: Float[np.ndarray, " pairs"]  # beside the robust weight
+
+
+@dataclass(frozen=True, eq=False)
 class Surface:
     """A still surface to fit to: vertices with unit normals, and an even sample of them."""
 
@@ -19,6 +29,7 @@ class Surface:
     normals: Float[np.ndarray, "vertices 3"]
     areas: Float[np.ndarray, " vertices"]
     samples: Int[np.ndarray, " samples"]  # farthest first
+    pins: Pairs  # held whatever the distance
 
     @cached_property
     def _trees(self) -> dict[tuple[float, int], cKDTree]:
@@ -34,22 +45,14 @@ class Surface:
         return self._trees[key]
 
 
-@dataclass(frozen=True, eq=False)
-class Pairs:
-    """Points of the moving surface and where the still one wants them."""
-
-    moving: Int[np.ndarray, " pairs"]  # vertex of the moving surface
-    still: Int[np.ndarray, " pairs"]  # vertex of the still one
-    squared: Float[np.ndarray, " pairs"]  # distance squared, normals included
-    weight: Float[np.ndarray, " pairs"]  # beside the robust weight
-
-
 def make_surface(
     vertices: Float[np.ndarray, "vertices 3"], faces: Int[np.ndarray, "faces 3"]
 ) -> Surface:
     """Prepare a surface for fitting."""
     normals, areas = vertex_normals(vertices, faces), vertex_areas(vertices, faces)
-    return Surface(vertices, faces, normals, areas, farthest_points(vertices, 2500))
+    none = np.empty(0, np.int64)
+    samples = farthest_points(vertices, 2500)
+    return Surface(vertices, faces, normals, areas, samples, pin(none, none, 1.0))
 
 
 def features(

@@ -5,17 +5,19 @@ torso of a realistic body falls into the head of a stylised one). Tips are paire
 in the bounding box; bones then stretch until the tips meet, before any surface is compared.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.optimize import linear_sum_assignment
 
 from bunraku.graphs import geodesic_distances
 from bunraku.registration.articulated import Stage, fit, gauss_newton_step
-from bunraku.registration.correspondence import Pairs, Surface, pin
+from bunraku.registration.correspondence import Pairs, Surface, join_pairs, pin
 from bunraku.registration.puppet import Pose, Puppet, rest_pose
 from bunraku.rotations import vectors_to_matrices
 
-REACH = Stage(12, 0, 0.0, 1.0, 1.0, 1e-3, 1e-3)  # to the tips alone
+REACH = Stage(12, 0, 0.0, 1.0, 1.0, 1e-2, 1e-3)  # to the tips alone
 SETTLE = (
     Stage(8, 250, 0.1, 0.3, 1.0, 1e-2, 1e-3),
     Stage(8, 250, 0.1, 0.2, 0.5, 3e-3, 1e-3),
@@ -34,7 +36,9 @@ def surface_tips(
     vertices: Float[np.ndarray, "vertices 3"], faces: Int[np.ndarray, "faces 3"], count: int
 ) -> Int[np.ndarray, " tips"]:
     """Find the extremities of a surface: farthest points along it, the most remote first."""
-    middle = int(np.linalg.norm(vertices - vertices.mean(axis=0), axis=1).argmin())
+    used = np.unique(faces)
+    offset = vertices[used] - vertices[used].mean(axis=0)
+    middle = int(used[np.linalg.norm(offset, axis=1).argmin()])
     chosen = [middle]
     distance = geodesic_distances(vertices, faces, np.array([middle]))[0]
     for _ in range(count):
@@ -112,7 +116,9 @@ def reach_tips(puppet: Puppet, surface: Surface, heading: Float[np.ndarray, "3 3
     pose = rest_pose(puppet, heading)
     if len(pins.moving) < 3:
         return pose
+    known = join_pairs(pins, surface.pins)
     for _ in range(REACH.steps):
-        pose = gauss_newton_step(puppet, pose, surface, pins, REACH)
+        pose = gauss_newton_step(puppet, pose, surface, known, REACH)
     held = pin(pins.moving, pins.still, 100.0 / len(pins.moving))
-    return fit(puppet, pose, surface, SETTLE, build=pose.scales, pins=held)
+    pinned = replace(surface, pins=join_pairs(surface.pins, held))
+    return fit(puppet, pose, pinned, SETTLE, home=pose)

@@ -4,16 +4,27 @@ No map is needed for bodies of the source's kind (docs/log.md); maps, clips and 
 starts. All in units of sqrt(area): source and figure are compared at equal surface area.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
+from bunraku.matching import match_surfaces
 from bunraku.meshes import scale_to_unit_area
-from bunraku.registration.articulated import COARSE, FINE, Stage, fit, fit_error, gauss_newton_step
+from bunraku.registration.articulated import (
+    COARSE,
+    FINE,
+    STIFF,
+    Stage,
+    fit,
+    fit_error,
+    gauss_newton_step,
+)
 from bunraku.registration.body import Body
 from bunraku.registration.correspondence import Surface, make_surface, misfit, pin
 from bunraku.registration.extremities import QUARTERS, reach_tips
+from bunraku.registration.landmarks import hold_landmarks
 from bunraku.registration.nonrigid import refine
 from bunraku.registration.puppet import Pose, Puppet, move_puppet, rest_pose
 from bunraku.rotations import vectors_to_matrices, vertical_turn
@@ -22,6 +33,9 @@ from bunraku.types import Mesh
 STIFFNESS = 10.0 ** np.linspace(-5, -8.5, 8)  # of the non-rigid steps
 GOOD_COARSE = 0.12  # misfit below which no further start is tried
 POOR_COARSE = 0.2  # misfit above which the proportions themselves are doubted
+POOR_FINE = 0.25  # misfit above which the functional map is asked
+LOOSE = 0.31  # misfit above which a stretched puppet's turns are noise
+MAPPED = Stage(10, 0, 0.0, 1.0, 1.0, 1e-4, 1e-2)  # to the map's points
 REFIT = Stage(4, 0, 0.0, 1.0, 1.0, 1e-5, 1e-4)  # of the rig to a freed surface
 
 
@@ -34,13 +48,28 @@ class Registration:
     error: float  # misfit of the articulated puppet, 0 perfect, 2 nowhere near
     others: tuple[float, ...]  # misfit of the other starts, best first
 
+    @property
+    def confidence(self) -> float:
+        """Turn the misfit into a confidence: .94 at .1, one half at .2, .06 at .4."""
+        return float(1.0 / (1.0 + (self.error / 0.2) ** 4))
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Say what a person should look at."""
+        if self.confidence >= 0.5:
+            return ()
+        return (
+            f"the figure fits the performance poorly (misfit {self.error:.2f}, confidence "
+            f"{self.confidence:.2f}): look at the result; a few --landmarks help",
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A pose under trial, the proportions that cost it nothing, and its misfit."""
+    """A pose under trial, the pose that costs it nothing, and its misfit."""
 
     pose: Pose
-    build: Float[np.ndarray, "joints 2"]  # log-scales, as a pose's
+    home: Pose | None  # the pose whose turns and scales cost nothing; None for rest
     error: float
 
 
@@ -68,7 +97,7 @@ def posed_start(
 def coarse_candidate(puppet: Puppet, surface: Surface, start: Pose) -> Candidate:
     """Fit a start coarsely, in the source's own proportions."""
     pose = fit(puppet, start, surface, COARSE)
-    return Candidate(pose, np.zeros_like(pose.scales), fit_error(puppet, pose, surface))
+    return Candidate(pose, None, fit_error(puppet, pose, surface))
 
 
 def likely_moments(
@@ -95,14 +124,28 @@ def likely_moments(
 def stretched_candidates(puppet: Puppet, surface: Surface) -> list[Candidate]:
     """Give the starts for other proportions, one a quarter turn."""
     poses = [reach_tips(puppet, surface, heading) for heading in QUARTERS]
-    return [Candidate(p, p.scales, fit_error(puppet, p, surface)) for p in poses]
+    return [Candidate(p, p, fit_error(puppet, p, surface)) for p in poses]
 
 
-def find_candidates(body: Body, surface: Surface) -> list[Candidate]:
-    """Fit starts coarsely, more of them the worse they fit; best first.
+def mapped_candidate(body: Body, figure: Mesh, surface: Surface) -> Candidate:
+    """Give the start of the functional map: the source posed as the map sends its surface.
+
+    The only start that knows lying and upside-down figures.
+    """
+    found = match_surfaces(body.proxy.mesh, figure)
+    pose = rest_pose(body.puppet, found.source_from_target.T)
+    pairs = pin(found.point_map[surface.samples], surface.samples, 1.0)
+    for _ in range(MAPPED.steps):
+        pose = gauss_newton_step(body.puppet, pose, surface, pairs, MAPPED)
+    pose = fit(body.puppet, pose, surface, COARSE[-1:])
+    return Candidate(pose, None, fit_error(body.puppet, pose, surface))
+
+
+def find_candidates(body: Body, figure: Mesh, surface: Surface) -> list[Candidate]:
+    """Fit starts, more of them the worse they fit; best first.
 
     At rest under every heading; as in the source's clips, facing as the best of those; stretched
-    to the figure's limb tips.
+    to the figure's limb tips; as the functional map has it.
     """
     puppet = body.puppet
     found = [coarse_candidate(puppet, surface, start) for start in heading_starts(puppet)]
@@ -114,14 +157,23 @@ def find_candidates(body: Body, surface: Surface) -> list[Candidate]:
     best = sorted(found, key=doubt)[:2]
     if best[0].error > POOR_COARSE:
         best += sorted(stretched_candidates(puppet, surface), key=doubt)[:2]
-    fine = [refine_candidate(puppet, surface, candidate) for candidate in best]
+    fine = sorted((refine_candidate(puppet, surface, one) for one in best), key=doubt)
+    if fine[0].error > POOR_FINE:
+        mapped = mapped_candidate(body, figure, surface)
+        fine.append(refine_candidate(puppet, surface, mapped))
     return sorted(fine, key=doubt)
 
 
 def refine_candidate(puppet: Puppet, surface: Surface, candidate: Candidate) -> Candidate:
-    """Fit a candidate finely, in its own proportions."""
-    pose = fit(puppet, candidate.pose, surface, FINE, build=candidate.build)
-    return Candidate(pose, candidate.build, fit_error(puppet, pose, surface))
+    """Fit a candidate finely; one stretched to other proportions stays stiff if that fits badly.
+
+    Its misfit is that of the free fit in either case, so that all candidates compare.
+    """
+    pose = fit(puppet, candidate.pose, surface, FINE, home=candidate.home)
+    error = fit_error(puppet, pose, surface)
+    if candidate.home is not None and error > LOOSE:
+        pose = fit(puppet, candidate.pose, surface, STIFF, home=candidate.home)
+    return Candidate(pose, candidate.home, error)
 
 
 def doubt(candidate: Candidate) -> float:
@@ -152,11 +204,22 @@ def free_from_rig(
     return pose, refine(freed, posed, puppet.faces, surface, stiffness=STIFFNESS)
 
 
-def register_body(body: Body, figure: Mesh) -> Registration:
-    """Bring a character's proxy onto a figure's from the best of many starts."""
+def register_body(
+    body: Body,
+    figure: Mesh,
+    *,
+    landmarks: Mapping[str, Sequence[float]] | None = None,
+    names: Sequence[str] = (),
+) -> Registration:
+    """Bring a character's proxy onto a figure's from the best of many starts.
+
+    Args:
+        landmarks: places on the figure, in its metres, of joints called `names`.
+    """
     vertices, centre, scale = scale_to_unit_area(figure.vertices, figure.faces)
     surface = make_surface(vertices, figure.faces)
-    best, *others = find_candidates(body, surface)
+    held = hold_landmarks(body, figure, surface, landmarks or {}, names)
+    best, *others = find_candidates(held[0], figure, held[1])
     pose, freed = free_from_rig(body.puppet, best.pose, surface)
     misses = tuple(other.error for other in others)
     return Registration(pose, freed * scale + centre, best.error, misses)

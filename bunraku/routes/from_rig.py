@@ -4,7 +4,7 @@ transfer = animate_from_rig(builtin.human(), figure.mesh)
 moved = play_clip(transfer.character, transfer.character.clips[0])
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,7 +28,7 @@ from bunraku.skeletons import carry_joints, surface_turns
 from bunraku.types import Character, Clip, MatchError, Mesh, Skeleton, Skin
 from bunraku.weights import skin_from_registration
 
-LEAST_CONFIDENCE = 0.1
+MOST_MISFIT = 0.6  # balls, boxes and rods: .65 to .86; chibis under a realistic body: up to .55
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +44,7 @@ class RigTransfer:
     rested: Skeleton  # the same skeleton in the source's rest pose
     repose_motion: Float[np.ndarray, "joints 4 4"]  # world_from_world: as found -> at rest
     confidence: float  # 0 to 1
-    mirrored: bool
+    mirrored: bool  # never: turning and stretching bones cannot swap left and right
     score: float  # misfit of the registration: 0 perfect, 2 nowhere near
     warnings: tuple[str, ...]
     seconds: dict[str, float]
@@ -56,6 +56,7 @@ def animate_from_rig(
     figure: Mesh,
     *,
     clips: Sequence[Clip] | None = None,
+    landmarks: Mapping[str, Sequence[float]] | None = None,
     seed: int = 0,
     force: bool = False,
 ) -> RigTransfer:
@@ -65,6 +66,8 @@ def animate_from_rig(
         source: character with a surface; its clips beyond `clips` only suggest poses.
         figure: what is to move, in any pose and triangulation.
         clips: the ones to carry over; None for all of the source's.
+        landmarks: places of any few of the source's joints on the figure, never needed.
+        seed: of the random choices; there are none yet, equal input gives equal output.
         force: give the result even if the figure could not be matched.
 
     Raises:
@@ -76,12 +79,13 @@ def animate_from_rig(
     target = build_proxy(figure.vertices, figure.faces)
 
     watch.begin("registration")
-    registration = register_body(body, target.mesh)
-    confidence = trust_in(registration.error)
-    if confidence < LEAST_CONFIDENCE and not force:
+    registration = register_body(
+        body, target.mesh, landmarks=landmarks, names=source.skeleton.names
+    )
+    if registration.error > MOST_MISFIT and not force:
         raise MatchError(
-            f"the figure does not fit the performance (misfit {registration.error:.2f}, wanted "
-            "below .35); choose a performance of the same kind of creature, or --force"
+            f"the figure does not fit the performance (misfit {registration.error:.2f}, wanted at "
+            f"most {MOST_MISFIT}); choose a performance of the same kind of creature, or --force"
         )
 
     watch.begin("skin and skeleton")
@@ -103,10 +107,5 @@ def animate_from_rig(
         Character(figure, skeleton_of(source.skeleton, bind), skin, carried),
         skeleton_of(source.skeleton, rest),
         rest @ skin.inverse_bind,
-        *(confidence, False, registration.error, (), watch.end()),
+        *(registration.confidence, False, registration.error, registration.doubts, watch.end()),
     )
-
-
-def trust_in(misfit: float) -> float:
-    """Turn the misfit into a confidence: .94 at .1, one half at .2, .1 at .35."""
-    return float(1.0 / (1.0 + (misfit / 0.2) ** 4))

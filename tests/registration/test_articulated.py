@@ -64,7 +64,7 @@ def test_priors_alone_lead_back_to_rest_in_one_step(puppet, rng):
     pose = Pose(puppet.anchors[0], small, rng.normal(scale=0.1, size=(count, 2)))
     hessian, gradient = np.zeros((5 * count + 3,) * 2), np.zeros(5 * count + 3)
     stage = Stage(1, 1, 0.1, 0.1, 0.1, 1.0, 1.0)
-    add_priors(hessian, gradient, puppet, pose, stage, pose.scales)
+    add_priors(hessian, gradient, puppet, pose, stage, rest_pose(puppet))
     rested = apply_step(puppet, pose, np.linalg.solve(hessian, gradient))
     np.testing.assert_allclose(
         rested.rotations[1:], np.tile(np.eye(3), (count - 1, 1, 1)), atol=1e-6
@@ -74,6 +74,16 @@ def test_priors_alone_lead_back_to_rest_in_one_step(puppet, rng):
     np.testing.assert_allclose(rested.root, pose.root)
 
 
+def test_the_pose_called_home_costs_nothing(puppet, somehow):
+    count = len(puppet.parents)
+    hessian, gradient = np.zeros((5 * count + 3,) * 2), np.zeros(5 * count + 3)
+    stage = Stage(1, 1, 0.1, 0.1, 0.1, 1.0, 1.0)
+    add_priors(hessian, gradient, puppet, somehow, stage, somehow)
+    np.testing.assert_allclose(gradient, 0, atol=1e-12)
+    add_priors(hessian, gradient, puppet, somehow, stage, rest_pose(puppet))
+    assert np.abs(gradient).max() > 0.1
+
+
 def test_scales_cost_more_the_less_they_are_like_the_parents(puppet):
     count = len(puppet.parents)
 
@@ -81,7 +91,7 @@ def test_scales_cost_more_the_less_they_are_like_the_parents(puppet):
         pose = replace(rest_pose(puppet), scales=scales)
         hessian, gradient = np.zeros((5 * count + 3,) * 2), np.zeros(5 * count + 3)
         stage = Stage(1, 1, 0.1, 0.1, 0.1, 1.0, 1.0)
-        add_priors(hessian, gradient, puppet, pose, stage, scales)
+        add_priors(hessian, gradient, puppet, pose, stage, rest_pose(puppet))
         return float(-gradient[3 * count : 5 * count] @ scales.T.ravel())
 
     whole = np.full((count, 2), 0.3)

@@ -63,7 +63,7 @@ def test_the_moment_that_the_figure_is_frozen_in_is_found(body):
 
 def turned_candidate(puppet, degrees: float, error: float) -> Candidate:
     turn = vectors_to_matrices(np.array([0.0, np.deg2rad(degrees), 0.0]))
-    return Candidate(rest_pose(puppet, turn), np.zeros((7, 2)), error)
+    return Candidate(rest_pose(puppet, turn), None, error)
 
 
 def test_doubt_grows_with_the_misfit_and_breaks_ties_for_the_front(puppet):
@@ -76,7 +76,7 @@ def test_doubt_grows_with_the_misfit_and_breaks_ties_for_the_front(puppet):
 def test_the_source_is_found_whichever_way_the_figure_faces(body):
     puppet = body.puppet
     surface = make_surface(puppet.vertices @ TURN.T, puppet.faces)
-    found = find_candidates(body, surface)
+    found = find_candidates(body, Mesh(surface.vertices, surface.faces), surface)
     best = found[0]
     assert [doubt(candidate) for candidate in found] == sorted(map(doubt, found))
     assert best.error < 0.02 and np.isclose(fit_error(puppet, best.pose, surface), best.error)
@@ -124,3 +124,18 @@ def test_registration_brings_every_vertex_to_its_place(body, registered):
 def test_registration_names_the_misfits_of_the_other_starts(registered):
     found, _, _ = registered
     assert found.others and min(found.others) >= found.error
+
+
+def registration_of(puppet, misfit: float) -> Registration:
+    return Registration(rest_pose(puppet), puppet.vertices, misfit, ())
+
+
+@pytest.mark.parametrize(("misfit", "confidence"), [(0.0, 1.0), (0.1, 0.94), (0.2, 0.5)])
+def test_confidence_by_hand(puppet, misfit, confidence):
+    assert abs(registration_of(puppet, misfit).confidence - confidence) < 0.005
+
+
+def test_a_poor_fit_is_said(puppet):
+    assert registration_of(puppet, 0.1).doubts == ()
+    (said,) = registration_of(puppet, 0.4).doubts
+    assert "misfit 0.40" in said

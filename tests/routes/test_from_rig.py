@@ -7,7 +7,7 @@ from trimesh.creation import torus
 
 from bunraku.meshes import closest_points
 from bunraku.rotations import rotation_angles
-from bunraku.routes.from_rig import LEAST_CONFIDENCE, RigTransfer, animate_from_rig, trust_in
+from bunraku.routes.from_rig import RigTransfer, animate_from_rig
 from bunraku.skinning import (
     clip_transforms,
     forward_kinematics,
@@ -52,11 +52,6 @@ def figure(other) -> Mesh:
 @pytest.fixture(scope="module")
 def transfer(creature, figure) -> RigTransfer:
     return animate_from_rig(creature, figure)
-
-
-@pytest.mark.parametrize(("misfit", "confidence"), [(0.0, 1.0), (0.1, 0.94), (0.2, 0.5)])
-def test_confidence_by_hand(misfit, confidence):
-    assert abs(trust_in(misfit) - confidence) < 0.005
 
 
 def test_the_figure_is_understood(transfer):
@@ -165,5 +160,5 @@ def test_a_figure_of_another_kind_is_refused(creature, ring):
 def test_a_figure_of_another_kind_can_be_forced_by_a_source_without_clips(creature, ring):
     still = replace(creature, clips=())
     forced = animate_from_rig(still, ring, force=True)
-    assert forced.confidence < LEAST_CONFIDENCE and forced.character.clips == ()
+    assert forced.confidence < 0.05 and forced.warnings and forced.character.clips == ()
     assert np.isfinite(forced.repose_motion).all()
