@@ -15,6 +15,7 @@ from bunraku.registration.search import (
     free_from_rig,
     heading_starts,
     likely_moments,
+    mapped_candidate,
     posed_start,
     refit,
     register_body,
@@ -138,4 +139,13 @@ def test_confidence_by_hand(puppet, misfit, confidence):
 def test_a_poor_fit_is_said(puppet):
     assert registration_of(puppet, 0.1).doubts == ()
     (said,) = registration_of(puppet, 0.4).doubts
-    assert "misfit 0.40" in said
+    assert "strain 0.40" in said
+
+
+def test_a_lying_figure_starts_from_the_functional_map(body):
+    """No heading about the vertical comes near it."""
+    lying = vectors_to_matrices(np.array([np.deg2rad(-85), 0.0, 0.0]))
+    surface = make_surface(body.puppet.vertices @ lying.T, body.puppet.faces)
+    found = mapped_candidate(body, Mesh(surface.vertices, surface.faces), surface)
+    assert found.error < 0.1 and found.home is None
+    assert np.rad2deg(rotation_angles(lying.T @ found.pose.rotations[0])) < 5
