@@ -32,7 +32,12 @@ def limb_tips(puppet: Puppet) -> Int[np.ndarray, " tips"]:
     return np.unique(np.argmax(distance * puppet.weights[:, leaves], axis=0))
 
 
-def surface_tips(
+def surface_tips(puppet: Puppet, surface: Surface) -> Int[np.ndarray, " tips"]:
+    """Find the extremities of a figure, twice as many as the puppet has limbs and a few more."""
+    return remote_points(surface.vertices, surface.faces, 2 * len(limb_tips(puppet)) + 4)
+
+
+def remote_points(
     vertices: Float[np.ndarray, "vertices 3"], faces: Int[np.ndarray, "faces 3"], count: int
 ) -> Int[np.ndarray, " tips"]:
     """Find the extremities of a surface: farthest points along it, the most remote first."""
@@ -87,16 +92,24 @@ def between(
 
 
 def pair_landmarks(
-    puppet: Puppet, surface: Surface, heading: Float[np.ndarray, "3 3"], *, farthest: float = 0.7
-) -> Pairs:
+    puppet: Puppet,
+    surface: Surface,
+    others: Int[np.ndarray, " tips"],
+    heading: Float[np.ndarray, "3 3"],
+    *,
+    farthest: float = 0.7,
+) -> tuple[Pairs, float]:
     """Pair tips, turned to a heading, by their place in the box; then where twin limbs meet.
 
     Args:
+        others: extremities of the surface.
         farthest: tips farther apart than this (of half the box) stay unpaired.
+
+    Returns:
+        the pairs, and how far apart in the box the tips lie, on average and at most `farthest`.
     """
     tips = limb_tips(puppet)
     turned = puppet.vertices @ heading.T
-    others = surface_tips(surface.vertices, surface.faces, 2 * len(tips) + 4)
     own, theirs = in_box(turned[tips], turned), in_box(surface.vertices[others], surface.vertices)
     cost = np.linalg.norm(own[:, None] - theirs, axis=2)
     row, column = linear_sum_assignment(cost)
@@ -107,12 +120,13 @@ def pair_landmarks(
         middles = between(puppet.vertices, puppet.faces, moving[twins])
         goals = between(surface.vertices, surface.faces, still[twins])
         moving, still = np.concatenate([moving, middles]), np.concatenate([still, goals])
-    return pin(moving, still, 1.0)
+    return pin(moving, still, 1.0), float(np.minimum(cost[row, column], farthest).mean())
 
 
-def reach_tips(puppet: Puppet, surface: Surface, heading: Float[np.ndarray, "3 3"]) -> Pose:
+def reach_tips(
+    puppet: Puppet, surface: Surface, pins: Pairs, heading: Float[np.ndarray, "3 3"]
+) -> Pose:
     """Stretch and turn the puppet, faced to a heading, until its tips meet the figure's."""
-    pins = pair_landmarks(puppet, surface, heading)
     pose = rest_pose(puppet, heading)
     if len(pins.moving) < 3:
         return pose

@@ -23,11 +23,11 @@ from bunraku.registration.articulated import (
 )
 from bunraku.registration.body import Body
 from bunraku.registration.correspondence import Surface, make_surface, misfit, pin
-from bunraku.registration.extremities import QUARTERS, reach_tips
+from bunraku.registration.extremities import QUARTERS, pair_landmarks, reach_tips, surface_tips
 from bunraku.registration.landmarks import hold_landmarks
 from bunraku.registration.nonrigid import refine
 from bunraku.registration.puppet import Pose, Puppet, move_puppet, rest_pose
-from bunraku.rotations import vectors_to_matrices, vertical_turn
+from bunraku.rotations import rotation_angles, vectors_to_matrices, vertical_turn
 from bunraku.types import Mesh
 
 STIFFNESS = 10.0 ** np.linspace(-5, -8.5, 8)  # of the non-rigid steps
@@ -49,9 +49,20 @@ class Registration:
     others: tuple[float, ...]  # misfit of the other starts, best first
 
     @property
+    def strain(self) -> float:
+        """Give the misfit, made worse by mean turns beyond 20 degrees where the fit is poor.
+
+        A body bends into a torus as well as it stretches onto a chibi; but it must bend more.
+        """
+        joints = max(1, len(self.pose.rotations) - 1)  # all but the root
+        turn = np.rad2deg(rotation_angles(self.pose.rotations[1:]).sum()) / joints
+        poor = float(np.clip((self.error - 0.2) / 0.1, 0.0, 1.0))
+        return float(self.error * (1.0 + poor * 0.02 * max(0.0, turn - 20.0)))
+
+    @property
     def confidence(self) -> float:
-        """Turn the misfit into a confidence: .94 at .1, one half at .2, .06 at .4."""
-        return float(1.0 / (1.0 + (self.error / 0.2) ** 4))
+        """Turn the strain into a confidence: .94 at .1, one half at .2, .06 at .4."""
+        return float(1.0 / (1.0 + (self.strain / 0.2) ** 4))
 
     @property
     def doubts(self) -> tuple[str, ...]:
@@ -59,7 +70,7 @@ class Registration:
         if self.confidence >= 0.5:
             return ()
         return (
-            f"the figure fits the performance poorly (misfit {self.error:.2f}, confidence "
+            f"the figure fits the performance poorly (strain {self.strain:.2f}, confidence "
             f"{self.confidence:.2f}): look at the result; a few --landmarks help",
         )
 
@@ -122,8 +133,11 @@ def likely_moments(
 
 
 def stretched_candidates(puppet: Puppet, surface: Surface) -> list[Candidate]:
-    """Give the starts for other proportions, one a quarter turn."""
-    poses = [reach_tips(puppet, surface, heading) for heading in QUARTERS]
+    """Give starts for other proportions, for the two quarter turns whose tips pair best."""
+    tips = surface_tips(puppet, surface)
+    paired = [pair_landmarks(puppet, surface, tips, heading) for heading in QUARTERS]
+    likely = np.argsort([cost for _, cost in paired], kind="stable")[:2]
+    poses = [reach_tips(puppet, surface, paired[k][0], QUARTERS[k]) for k in likely]
     return [Candidate(p, p, fit_error(puppet, p, surface)) for p in poses]
 
 
@@ -155,10 +169,13 @@ def find_candidates(body: Body, figure: Mesh, surface: Surface) -> list[Candidat
         moments = likely_moments(body, surface, faced)
         found += [coarse_candidate(puppet, surface, start) for start in moments]
     best = sorted(found, key=doubt)[:2]
+    fine = [refine_candidate(puppet, surface, one) for one in best]
+    plain = min(map(doubt, fine))
     if best[0].error > POOR_COARSE:
-        best += sorted(stretched_candidates(puppet, surface), key=doubt)[:2]
-    fine = sorted((refine_candidate(puppet, surface, one) for one in best), key=doubt)
-    if fine[0].error > POOR_FINE:
+        stretched = stretched_candidates(puppet, surface)
+        fine += [refine_candidate(puppet, surface, one) for one in stretched]
+    explained = min(map(doubt, fine)) < 0.92 * plain  # by other proportions alone
+    if plain > POOR_FINE and not explained:
         mapped = mapped_candidate(body, figure, surface)
         fine.append(refine_candidate(puppet, surface, mapped))
     return sorted(fine, key=doubt)

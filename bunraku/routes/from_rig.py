@@ -28,7 +28,7 @@ from bunraku.skeletons import carry_joints, surface_turns
 from bunraku.types import Character, Clip, MatchError, Mesh, Skeleton, Skin
 from bunraku.weights import skin_from_registration
 
-MOST_MISFIT = 0.6  # balls, boxes and rods: .65 to .86; chibis under a realistic body: up to .55
+MOST_STRAIN = 0.54  # balls, boxes, tori: .57 to .9; chibis under a realistic body: up to .5
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,7 @@ class RigTransfer:
     repose_motion: Float[np.ndarray, "joints 4 4"]  # world_from_world: as found -> at rest
     confidence: float  # 0 to 1
     mirrored: bool  # never: turning and stretching bones cannot swap left and right
-    score: float  # misfit of the registration: 0 perfect, 2 nowhere near
+    score: float  # strain of the registration: 0 perfect, above .54 refused
     warnings: tuple[str, ...]
     seconds: dict[str, float]
 
@@ -82,10 +82,10 @@ def animate_from_rig(
     registration = register_body(
         body, target.mesh, landmarks=landmarks, names=source.skeleton.names
     )
-    if registration.error > MOST_MISFIT and not force:
+    if registration.strain > MOST_STRAIN and not force:
         raise MatchError(
-            f"the figure does not fit the performance (misfit {registration.error:.2f}, wanted at "
-            f"most {MOST_MISFIT}); choose a performance of the same kind of creature, or --force"
+            f"the figure does not fit the performance (strain {registration.strain:.2f}, wanted at "
+            f"most {MOST_STRAIN}); choose a performance of the same kind of creature, or --force"
         )
 
     watch.begin("skin and skeleton")
@@ -107,5 +107,5 @@ def animate_from_rig(
         Character(figure, skeleton_of(source.skeleton, bind), skin, carried),
         skeleton_of(source.skeleton, rest),
         rest @ skin.inverse_bind,
-        *(registration.confidence, False, registration.error, registration.doubts, watch.end()),
+        *(registration.confidence, False, registration.strain, registration.doubts, watch.end()),
     )
