@@ -144,9 +144,12 @@ def measure(task: Task, *, frame_count: int = 8, seed: int = 0) -> Row:
         "nearest vertex": _play(nearest_vertex(source, figure, clips), phases),
         "own rig": _play(copied, phases),
     }
+    # the clip that the figure is frozen in must not suggest its pose
+    others = {name: clip for name, clip in plain_names(source.clips).items() if name != task.frozen}
+    teacher = replace(source, clips=tuple(others.values()))
     started = time.perf_counter()
     try:
-        result = animate_from_rig(source, figure, clips=clips, seed=seed, force=True)
+        result = animate_from_rig(teacher, figure, clips=clips, seed=seed, force=True)
     except (ValueError, np.linalg.LinAlgError) as error:
         logger.warning("%s: %s", " ".join(task.key()[:3]), error)
         return _row(task, _score_all(moved, truth, target.mesh), failure=str(error))
