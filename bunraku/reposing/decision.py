@@ -101,7 +101,7 @@ def believe_turns(
     puppet = body.puppet
     mass = puppet.areas @ puppet.weights
     mean = float(mass @ rotation_angles(turns[puppet.joints]) / mass.sum())
-    bar = np.deg2rad(15.0 + 10.0 * np.clip((misfit - 0.12) / 0.06, 0.0, 1.0))
+    bar = np.deg2rad(11.0 + 14.0 * np.clip((misfit - 0.12) / 0.06, 0.0, 1.0))
     posed = smooth_step(mean, 0.85 * bar, 1.15 * bar)
     moved = displacement(body, turns)
     share = np.full(len(turns), posed)
