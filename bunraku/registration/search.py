@@ -61,8 +61,8 @@ class Registration:
 
     @property
     def confidence(self) -> float:
-        """Turn the strain into a confidence: .94 at .1, one half at .2, .06 at .4."""
-        return float(1.0 / (1.0 + (self.strain / 0.2) ** 4))
+        """Turn the strain into a confidence: .98 at .1, one half at .28, .2 at .4."""
+        return float(1.0 / (1.0 + (self.strain / 0.28) ** 4))
 
     @property
     def doubts(self) -> tuple[str, ...]:
