@@ -9,7 +9,7 @@ in which the skin was bound; for files it comes from the inverse bind matrices, 
 nodes' default transforms.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -162,6 +162,7 @@ class Figure:
     mesh: Mesh  # every piece of the file in one, in world space, as stored (not welded)
     pieces: Int[np.ndarray, " vertices"]  # which piece of the file (primitive) each vertex is of
     document: object = None  # what the reader keeps for its own writer; nobody else looks inside
+    world_from_file: Float[np.ndarray, "4 4"] = field(default_factory=lambda: np.eye(4))
 
     def __post_init__(self) -> None:
         check_shape("pieces", self.pieces, (len(self.mesh.vertices),), "one per vertex")

@@ -72,7 +72,7 @@ LandmarksOption = Annotated[
         "--landmarks",
         metavar="FILE.json",
         help='Never needed: {"joint name": [x, y, z], ...}, where some of the performance\'s '
-        "joints are in the figure.",
+        "joints are, in the coordinates of the figure's file.",
     ),
 ]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="The same seed, the same bytes.")]

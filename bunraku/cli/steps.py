@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import msgspec
+import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -97,7 +98,7 @@ def choose_clips(
 def read_landmarks(
     path: Path | None, performer: Character
 ) -> Mapping[str, tuple[float, float, float]] | None:
-    """Read where a few of the performer's joints are in the figure.
+    """Read where a few of the performer's joints are, in the coordinates of the figure's file.
 
     Raises:
         FormatError: if the file is not {"joint": [x, y, z], ...}, or the joint does not exist.
@@ -116,6 +117,17 @@ def read_landmarks(
             message = f"no such joint; the performance has {', '.join(known)}"
             raise FormatError(path, f"/{name}", message)
     return landmarks
+
+
+def place_landmarks(
+    landmarks: Mapping[str, tuple[float, float, float]] | None, found: Figure
+) -> Mapping[str, tuple[float, float, float]] | None:
+    """Turn places in the coordinates of the figure's file, Z up perhaps, into our frame."""
+    if landmarks is None:
+        return None
+    turn, shift = found.world_from_file[:3, :3], found.world_from_file[:3, 3]
+    placed = {name: (turn @ np.array(place) + shift).tolist() for name, place in landmarks.items()}
+    return {name: (x, y, z) for name, (x, y, z) in placed.items()}
 
 
 @contextmanager
@@ -157,11 +169,25 @@ def match(
     *,
     seed: int,
     force: bool,
-    landmarks: Mapping[str, Sequence[float]] | None = None,
+    landmarks: Mapping[str, tuple[float, float, float]] | None = None,
 ) -> RigTransfer:
-    """Run the route, and print what it found doubtful."""
+    """Run the route, and print what it found doubtful.
+
+    Args:
+        source: the performer.
+        found: the figure, as it was read.
+        clips: of the performer, to carry over.
+        seed: of the random choices.
+        force: give the result however poor the match.
+        landmarks: places of joints in the coordinates of the figure's file.
+    """
     transfer = animate_from_rig(
-        source, found.mesh, clips=clips, seed=seed, force=force, landmarks=landmarks
+        source,
+        found.mesh,
+        clips=clips,
+        seed=seed,
+        force=force,
+        landmarks=place_landmarks(landmarks, found),
     )
     for message in transfer.warnings:
         logger.warning("%s: %s", found.path, message)

@@ -1,6 +1,7 @@
 """One reader for every format, chosen by content."""
 
 import logging
+from dataclasses import replace
 
 import numpy as np
 
@@ -37,8 +38,8 @@ def read_figure(path: Location, *, up: str | None = None, facing: str | None = N
     if kind == "bvh":
         raise FormatError(path, "", f"is a BVH motion, not a figure; wanted {WANTED}")
     up = up or _up_beside(facing)
+    world_from_file = np.eye(4)
     if kind == "gltf":
-        world_from_file = np.eye(4)
         world_from_file[:3, :3] = world_from_axes(up or "y", facing)
         return gltf.read_figure(path, content, world_from_file=world_from_file)
     pieces, materials = read_pieces(path, content, kind)
@@ -47,7 +48,9 @@ def read_figure(path: Location, *, up: str | None = None, facing: str | None = N
         logger.info("%s: %s is taken as up", path, up)
     turn = world_from_axes(up, facing)
     turned = [turn_piece(piece, turn) for piece in pieces]
-    return gltf.read_figure(path, encode_pieces(turned, materials))
+    world_from_file[:3, :3] = turn
+    figure = gltf.read_figure(path, encode_pieces(turned, materials))
+    return replace(figure, world_from_file=world_from_file)
 
 
 def _up_beside(facing: str | None) -> str | None:

@@ -5,6 +5,7 @@ import pytest
 
 from bunraku import builtin
 from bunraku.cli import steps
+from bunraku.formats import read_figure
 from bunraku.types import FormatError
 
 
@@ -76,6 +77,15 @@ def test_landmarks_are_joints_and_places(tmp_path):
     path.write_text('{"hips": [0, 1, 0.5]}')
     assert steps.read_landmarks(path, builtin.human()) == {"hips": (0.0, 1.0, 0.5)}
     assert steps.read_landmarks(None, builtin.human()) is None
+
+
+def test_landmarks_turn_with_a_figure_that_has_z_up(tmp_path):
+    path = tmp_path / "stick.obj"
+    path.write_text("v 0 0 0\nv 1 0 0\nv 0 0 9\nf 1 2 3\n")
+    for up, place in (("z", (1.0, 3.0, -2.0)), ("y", (1.0, 2.0, 3.0))):
+        found = read_figure(path, up=up)
+        assert steps.place_landmarks({"hips": (1.0, 2.0, 3.0)}, found) == {"hips": place}
+    assert steps.place_landmarks(None, found) is None
 
 
 @pytest.mark.parametrize(

@@ -70,6 +70,15 @@ def test_a_figure_of_any_format_comes_back_rigged(cube, tmp_path, name):
     assert {"root", "tip"} <= set(back.skeleton.names)
 
 
+@pytest.mark.parametrize("name", ["a.obj", "a.glb"])
+def test_a_figure_knows_how_it_was_turned(cube, tmp_path, name):
+    write_mesh(tmp_path / name, cube)
+    figure = read_figure(tmp_path / name, up="z", facing="+x")
+    turn = figure.world_from_file[:3, :3]
+    np.testing.assert_allclose(figure.mesh.vertices, cube.vertices @ turn.T, atol=1e-6)
+    np.testing.assert_array_equal(turn @ [1, 0, 0], [0, 0, 1])
+
+
 @pytest.mark.parametrize(
     ("read", "content", "message"),
     [

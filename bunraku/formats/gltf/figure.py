@@ -71,7 +71,8 @@ def build_figure(
         raise document.fault("/meshes", "every triangle has zero area; export the surface again")
     sizes = [len(block.vertices) for block in blocks]
     kept = FigureDocument(document, tree, tuple(blocks), places, world_from_file)
-    return Figure(document.path, mesh, np.repeat(np.arange(len(blocks)), sizes), kept)
+    pieces = np.repeat(np.arange(len(blocks)), sizes)
+    return Figure(document.path, mesh, pieces, kept, world_from_file)
 
 
 def join_blocks(
