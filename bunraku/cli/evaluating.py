@@ -49,8 +49,10 @@ def retarget_table(
     from bunraku.cli.steps import check_output
     from bunraku.evaluate import across, retarget
     from bunraku.evaluate.results import group_by_family, sample
+    from bunraku.types import FormatError
 
     check_output(json, [".json"], inputs=[])
+    check_output(state, [], inputs=[json])
     folder, names = find_data(data), pairs or ()
     clips, frames = (None, 30) if thorough else (3, 8)
     with printing_warnings(folder):
@@ -70,6 +72,9 @@ def retarget_table(
             kind=across.Row,
             state=state and state.with_suffix(".across" + state.suffix),
         )
+    if not rows and not others:
+        wanted = "such pairs" if names else "characters that share a clip, and no humans"
+        raise FormatError(folder, "", f"holds no {wanted}; give another folder or other --pairs")
     tables = [retarget.tabulate(rows)] * bool(rows) + [across.tabulate(others)] * bool(others)
     finish(tables, [*rows, *others], json)
 
@@ -96,6 +101,7 @@ def weights_table(
     )
 
     check_output(json, [".json"], inputs=[])
+    check_output(state, [], inputs=[json])
     folder = find_data(data, within="weights")
     source = read_source(folder)
     targets = list(islice(read_targets(folder, source.skeleton), limit))

@@ -58,10 +58,10 @@ def describe_failure(error: BaseException) -> tuple[int, str]:
 
 def _usage_message(error: BaseException) -> str:
     """Say which option is wrong, and where help is."""
-    message = getattr(error, "format_message", error.__str__)()
+    message = getattr(error, "format_message", error.__str__)().rstrip(".")
     context = getattr(error, "ctx", None)
     command = context.command_path if context else "bunraku"
-    return f"{command}: {message} See {command} --help"
+    return f"{command}: {message}. See {command} --help"
 
 
 def shorten(line: str, length: int = LONGEST_LINE) -> str:

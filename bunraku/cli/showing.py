@@ -13,6 +13,7 @@ from rich.console import Console
 from scipy.spatial import KDTree
 
 from bunraku import builtin
+from bunraku.cli.failures import about
 from bunraku.cli.steps import match, report_on, working, write_report
 from bunraku.evaluate.families import play_at
 from bunraku.evaluate.pictures import CLAY, Picture, arrange, draw, look_at
@@ -28,7 +29,8 @@ CLIP_COLUMNS = ("worst: stretch p99", "foot slide m/s", "penetration")
 
 def run_demo(folder: Path, *, seed: int) -> None:
     """Animate both built-in figures; write GLBs, reports and a contact sheet; print a table."""
-    folder.mkdir(parents=True, exist_ok=True)
+    with about(folder):
+        folder.mkdir(parents=True, exist_ok=True)
     human = builtin.human()
     lines, strips = [], []
     for name, path in builtin.figure_paths().items():

@@ -34,12 +34,12 @@ def check_output(
     """Refuse a file that cannot be written, before any long work.
 
     Raises:
-        FormatError: if its ending is none of `suffixes`, its folder is missing or closed to us,
-            or it is a folder or one of the inputs.
+        FormatError: if its ending is none of `suffixes` (if there are any), its folder is missing
+            or closed to us, or it is a folder or one of the inputs.
     """
     if path is None:
         return
-    if path.suffix.lower() not in suffixes:
+    if suffixes and path.suffix.lower() not in suffixes:
         raise FormatError(path, "", f"must end in {' or '.join(suffixes)}; choose another name")
     if any(given is not None and path.resolve() == given.resolve() for given in inputs):
         raise FormatError(path, "", "is also read; write to another file")

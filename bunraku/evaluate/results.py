@@ -10,6 +10,8 @@ import msgspec
 import numpy as np
 from rich.table import Table
 
+from bunraku.types import FormatError
+
 
 @runtime_checkable
 class Keyed(Protocol):
@@ -25,11 +27,19 @@ RowT = TypeVar("RowT", bound=Keyed)
 
 
 def read_rows(state: Path | None, kind: type[RowT]) -> dict[tuple[object, ...], RowT]:
-    """Read the rows measured so far; a half-written last line is left out."""
+    """Read the rows measured so far; a half-written last line is left out.
+
+    Raises:
+        FormatError: if the file holds something else.
+    """
     if state is None or not state.exists():
         return {}
     whole = [line for line in state.read_bytes().splitlines(keepends=True) if line.endswith(b"\n")]
-    rows = (msgspec.json.decode(line, type=kind) for line in whole)
+    try:
+        rows = [msgspec.json.decode(line, type=kind) for line in whole]
+    except msgspec.DecodeError as error:
+        message = f"holds other rows than this table's ({error}); name another file"
+        raise FormatError(state, "", message) from error
     return {row.key(): row for row in rows}
 
 

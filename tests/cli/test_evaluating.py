@@ -24,6 +24,14 @@ def test_data_is_given_or_found(tmp_path, monkeypatch):
         find_data(tmp_path / "nowhere")
 
 
+def test_a_folder_without_characters_is_an_error(tmp_path, capsys):
+    assert run(["evaluate", "retarget", "--data", str(tmp_path)]) == 2
+    assert "holds no characters that share a clip" in capsys.readouterr().err
+    state = ["--state", str(tmp_path / "missing" / "rows.jsonl")]
+    assert run(["evaluate", "retarget", "--data", str(tmp_path), *state]) == 2
+    assert "cannot be written" in capsys.readouterr().err
+
+
 def test_tables_are_printed_whole_and_rows_written(tmp_path, capsys):
     columns = [f"a rather long column {i}" for i in range(9)]
     finish([make_table("title", columns, [["x", *range(8)]])], [{"a": 1}], tmp_path / "rows.json")

@@ -34,7 +34,7 @@ def test_exit_codes():
     assert describe_failure(KeyboardInterrupt())[0] == 130
     assert describe_failure(BrokenPipeError()) == (0, "")
     code, line = describe_failure(typer.BadParameter("no such clip"))
-    assert (code, line) == (2, "error: bunraku: Invalid value: no such clip See bunraku --help")
+    assert (code, line) == (2, "error: bunraku: Invalid value: no such clip. See bunraku --help")
 
 
 def test_our_own_bugs_keep_their_traceback():

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 
 from bunraku import builtin
-from bunraku.cli import showing
+from bunraku.cli import run, showing
 from bunraku.evaluate.pictures import CLAY
 from bunraku.formats import read_figure, write_mesh
 from bunraku.types import Character, Skin
@@ -23,6 +23,12 @@ def test_colours_come_from_the_figures_materials():
     assert colours.shape == found.mesh.vertices.shape
     assert len(np.unique(colours.round(), axis=0)) > 3
     assert 0 <= colours.min() <= colours.max() <= 255
+
+
+def test_a_file_cannot_hold_the_demo(tmp_path, capsys):
+    (tmp_path / "demo").write_text("a file")
+    assert run(["demo", "-o", str(tmp_path / "demo")]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1
 
 
 def test_a_mesh_without_colours_is_clay(tmp_path, cube):

@@ -3,6 +3,7 @@ from dataclasses import dataclass
 import pytest
 
 from bunraku.evaluate.results import group_by_family, make_table, measure_all, read_rows, sample
+from bunraku.types import FormatError
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,13 @@ def test_a_row_torn_by_a_crash_is_measured_again(tmp_path):
     assert set(read_rows(state, Line)) == {("a",)}
     list(measure_all([Line("a"), Line("b")], lambda t: Line(t.name, 2.0), Line, state=state))
     assert [row.value for row in read_rows(state, Line).values()] == [0.0, 2.0]
+
+
+def test_rows_of_another_table_are_refused(tmp_path):
+    state = tmp_path / "rows.jsonl"
+    state.write_bytes(b'{"family": "a"}\n')
+    with pytest.raises(FormatError, match="holds other rows than this table's"):
+        read_rows(state, Line)
 
 
 def test_without_a_state_file_everything_is_measured():
