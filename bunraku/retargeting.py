@@ -27,6 +27,8 @@ from bunraku.skinning import (
 )
 from bunraku.types import NO_PARENT, Clip, Skeleton
 
+LEAST_SCALE = 1e-3  # what a clip scales to nothing, to hide it, stays just larger than nothing
+
 
 @dataclass(frozen=True, eq=False)
 class Retarget:
@@ -124,7 +126,7 @@ def retarget_clip(clip: Clip, retarget: Retarget) -> Clip:
         the clip of the same name and times, parent_from_joint on the figure's skeleton.
     """
     source = retarget.source
-    moving = forward_kinematics(source.parents, clip_transforms(clip))
+    moving = forward_kinematics(source.parents, clip_transforms(without_nothing(clip)))
     at_rest = forward_kinematics(source.parents, source.rest)
     figure = turned_frames(source, retarget.places)
     placed = moving.copy()
@@ -141,6 +143,12 @@ def retarget_clip(clip: Clip, retarget: Retarget) -> Clip:
         turned = np.einsum("fab,fb->fa", placed[:, carrier, :3, :3], local)
         placed[:, joint, :3, 3] = placed[:, carrier, :3, 3] + turned
     return as_clip(clip, local_transforms(source.parents, face_heading(retarget) @ placed))
+
+
+def without_nothing(clip: Clip) -> Clip:
+    """Keep scales away from zero, where places below a joint cannot be told any more."""
+    least = np.copysign(LEAST_SCALE, clip.scales)
+    return replace(clip, scales=np.where(np.abs(clip.scales) < LEAST_SCALE, least, clip.scales))
 
 
 def place_in_frame(

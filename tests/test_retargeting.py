@@ -147,6 +147,22 @@ def test_scales_of_a_clip_are_kept(creature):
     np.testing.assert_allclose(carried.scales, scales, atol=1e-9)
 
 
+def test_what_a_clip_scales_to_nothing_nearly_vanishes(creature):
+    (clip,) = creature.clips
+    chest = NAMES.index("chest")
+    scales = clip.scales.copy()
+    scales[3:, chest] = 0.0
+    carried = retarget_clip(replace(clip, scales=scales), plan(creature))
+    world = world_of(creature.skeleton, carried)
+    size = np.linalg.norm(world[:, :, :3, :3], axis=2).max(axis=2)
+    np.testing.assert_allclose(size[:3], 1)
+    for joint, name in enumerate(NAMES):
+        gone = name in ("chest", "head", "leftArm", "rightArm")
+        np.testing.assert_allclose(size[3:, joint], 1e-3 if gone else 1)
+    places = world[3:, :, :3, 3]
+    assert np.linalg.norm(places[:, NAMES.index("head")] - places[:, chest], axis=1).max() < 1e-3
+
+
 def test_the_order_of_joints_does_not_matter(creature):
     """Carriers may come after what they carry, as feet stored before their legs."""
     swap = np.array([0, 1, 2, 3, 4, 6, 5])

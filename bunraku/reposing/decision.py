@@ -181,8 +181,8 @@ def limb_swings(
     for limb in limbs(body):
         reach = np.linalg.norm(body.joints - body.joints[limb], axis=1) * below[limb]
         end = int(reach.argmax())
-        if mass[below[limb]].sum() > 0.02 and reach[end] > 0:
-            rest, found = body.joints[end] - body.joints[limb], joints[end] - joints[limb]
+        rest, found = body.joints[end] - body.joints[limb], joints[end] - joints[limb]
+        if mass[below[limb]].sum() > 0.02 and reach[end] > 0 and found.any():
             swings[limb] = rotation_between(rest, found)
     return swings
 
