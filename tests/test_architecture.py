@@ -25,6 +25,7 @@ LAYERS = [
     {"evaluate"},
     {"cli", "studio"},
 ]  # a module imports from its own layer and earlier ones
+ROUTES = LAYERS.index({"routes"})
 HEAVY = {"torch": {"neural"}, "typer": {"cli"}, "rich": {"cli", "evaluate"}, "anny": set()}
 FILES = sorted(
     path for path in ROOT.rglob("*.py") if path.stem != "__init__" or path.parent != ROOT
@@ -36,7 +37,8 @@ def imported(path: Path) -> set[str]:
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.module:
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0 and node.module, f"{path} imports by dots, which hides layers"
             names.add(node.module)
             if node.module == "bunraku":
                 names |= {f"bunraku.{alias.name}" for alias in node.names}
@@ -61,7 +63,7 @@ def test_imports_point_one_way(path):
             assert rank[inner] <= rank[top(path)], f"{top(path)} imports {imports}"
             if top(path) in BORDERS:
                 assert inner in {"types", *ARITHMETIC, top(path)}, f"{top(path)} imports {imports}"
-            elif rank[top(path)] < len(LAYERS) - 3:
+            elif rank[top(path)] <= ROUTES:
                 assert inner not in BORDERS, f"{top(path)} reads files itself: {imports}"
 
 
@@ -95,3 +97,9 @@ def test_the_program_starts_before_anything_is_computed():
     loaded = set(done.stdout.split())
     assert "bunraku.cli" in loaded
     assert not loaded & {"numpy", "scipy", "igl", "jaxtyping", "bunraku.types", "bunraku.formats"}
+
+
+def test_every_file_has_its_line_in_the_readme():
+    tree = (ROOT.parent / "README.md").read_text()
+    named = {path.name for path in FILES if path.stem != "__init__"}
+    assert {name for name in named if f" {name} " not in tree} == set()

@@ -117,7 +117,7 @@ def repose(
     facing: FacingOption = None,
     force: ForceOption = False,
 ) -> None:
-    """Put a figure in the rest pose of a character."""
+    """Put a figure in the rest pose of a character: the surface alone, Y up, no materials."""
     from bunraku.cli import steps
     from bunraku.formats import read_figure, write_mesh
 
