@@ -85,6 +85,7 @@ def rig(
     out: OutOption,
     performance: CharacterOption = None,
     report: ReportOption = None,
+    landmarks: LandmarksOption = None,
     seed: SeedOption = 0,
     up: UpOption = None,
     facing: FacingOption = None,
@@ -95,12 +96,14 @@ def rig(
     from bunraku.formats import read_figure, write_character
 
     started = time.perf_counter()
-    steps.check_output(out, [".glb"], inputs=[figure, performance])
-    steps.check_output(report, [".json"], inputs=[figure, performance, out])
+    inputs = [figure, performance, landmarks]
+    steps.check_output(out, [".glb"], inputs=inputs)
+    steps.check_output(report, [".json"], inputs=[*inputs, out])
     with steps.working(figure):
         found = read_figure(figure, up=up, facing=facing)
         source = steps.read_performer(performance)
-        transfer = steps.match(source, found, (), seed=seed, force=force)
+        marks = steps.read_landmarks(landmarks, source)
+        transfer = steps.match(source, found, (), seed=seed, force=force, landmarks=marks)
         write_character(out, found, transfer.character)
         if report:
             summary = steps.report_on(found, performance, source, transfer, started=started)
@@ -112,6 +115,7 @@ def repose(
     figure: FigureArgument,
     out: OutOption,
     performance: CharacterOption = None,
+    landmarks: LandmarksOption = None,
     seed: SeedOption = 0,
     up: UpOption = None,
     facing: FacingOption = None,
@@ -121,11 +125,12 @@ def repose(
     from bunraku.cli import steps
     from bunraku.formats import read_figure, write_mesh
 
-    steps.check_output(out, [".glb", ".obj", ".ply"], inputs=[figure, performance])
+    steps.check_output(out, [".glb", ".obj", ".ply"], inputs=[figure, performance, landmarks])
     with steps.working(figure):
         found = read_figure(figure, up=up, facing=facing)
         source = steps.read_performer(performance)
-        transfer = steps.match(source, found, (), seed=seed, force=force)
+        marks = steps.read_landmarks(landmarks, source)
+        transfer = steps.match(source, found, (), seed=seed, force=force, landmarks=marks)
         write_mesh(out, steps.at_rest(transfer))
 
 

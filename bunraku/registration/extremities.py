@@ -12,6 +12,7 @@ from jaxtyping import Float, Int
 from scipy.optimize import linear_sum_assignment
 
 from bunraku.graphs import geodesic_distances
+from bunraku.meshes import referenced
 from bunraku.registration.articulated import Stage, fit, gauss_newton_step
 from bunraku.registration.correspondence import Pairs, Surface, join_pairs, pin
 from bunraku.registration.puppet import Pose, Puppet, rest_pose
@@ -29,7 +30,9 @@ def limb_tips(puppet: Puppet) -> Int[np.ndarray, " tips"]:
     """Find the vertex at the end of each joint without children: of its own, the farthest."""
     leaves = np.flatnonzero(~puppet.children.any(axis=1))
     distance = np.linalg.norm(puppet.vertices[:, None] - puppet.anchors[leaves], axis=2)
-    return np.unique(np.argmax(distance * puppet.weights[:, leaves], axis=0))
+    reach = distance * puppet.weights[:, leaves]
+    reach[~referenced(puppet.faces, len(reach))] = -1.0  # landmarks are no surface
+    return np.unique(np.argmax(reach, axis=0))
 
 
 def surface_tips(puppet: Puppet, surface: Surface) -> Int[np.ndarray, " tips"]:

@@ -252,7 +252,8 @@ def test_a_figure_that_cannot_be_matched_has_its_own_exit_code(quick, folder, mo
     assert not (folder / "poor.glb").exists()
 
 
-def test_landmarks_reach_the_route(quick, transfer, folder, monkeypatch):
+@pytest.mark.parametrize("command", ["animate", "rig", "repose"])
+def test_landmarks_reach_the_route(command, quick, transfer, folder, monkeypatch):
     given = []
 
     def listen(source, figure, *, clips, seed, force, landmarks):
@@ -261,8 +262,8 @@ def test_landmarks_reach_the_route(quick, transfer, folder, monkeypatch):
 
     monkeypatch.setattr(steps, "animate_from_rig", listen)
     (folder / "marks.json").write_text('{"hips": [0, 1, 0]}')
-    command = ["animate", "person.obj", "--with", "walker.glb", "-o", "marked.glb"]
-    assert quick([*command, "--landmarks", "marks.json"]) == 0
+    options = ["person.obj", "--with", "walker.glb", "-o", "marked.glb"]
+    assert quick([command, *options, "--landmarks", "marks.json"]) == 0
     assert given == [{"hips": (0.0, 1.0, 0.0)}]
 
 

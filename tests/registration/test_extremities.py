@@ -51,6 +51,16 @@ def by_place(puppet: Puppet, tips: np.ndarray) -> dict[str, np.ndarray]:
     return {NAMES[puppet.joints[j]]: puppet.vertices[t] for j, t in zip(owner, tips, strict=True)}
 
 
+def test_a_landmark_beyond_a_hand_is_no_tip(puppet):
+    hand = joint_of(puppet, "leftArm")
+    marked = replace(
+        puppet,
+        vertices=np.vstack([puppet.vertices, puppet.anchors[hand] + [5.0, 0, 0]]),
+        weights=np.vstack([puppet.weights, np.eye(len(puppet.joints))[hand]]),
+    )
+    np.testing.assert_array_equal(limb_tips(marked), limb_tips(puppet))
+
+
 def test_each_limb_has_its_tip_and_the_trunk_none(puppet):
     tips = by_place(puppet, limb_tips(puppet))
     assert set(tips) == {"head", "leftArm", "rightArm", "leftLeg", "rightLeg"}
