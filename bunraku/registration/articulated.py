@@ -42,7 +42,6 @@ class Stage:
     samples: int = 1500
 
 
-# Schedules of notes/correspondence.md section 12 (there also tried: fewer headings, descriptors)
 COARSE = (
     Stage(6, 250, 0.1, 0.5, 1.0, 1e-3, 1e-1),
     Stage(6, 250, 0.1, 0.3, 1.0, 3e-4, 3e-2),
@@ -58,6 +57,12 @@ STIFF = (
     Stage(8, 500, 0.1, 0.15, 0.3, 3e-3, 3e-4),
     Stage(8, 500, 0.08, 0.1, 0.2, 1e-3, 1e-4),
     Stage(8, 500, 0.05, 0.06, 0.1, 1e-3, 1e-4),
+)
+# the same for a figure that stands as the source does: hardly a turn
+FIRM = (
+    Stage(8, 500, 0.1, 0.3, 1.0, 1e-1, 1e-2),
+    Stage(8, 500, 0.1, 0.15, 0.3, 1e-1, 1e-2),
+    Stage(8, 500, 0.08, 0.1, 0.2, 3e-2, 1e-2),
 )
 
 

@@ -218,13 +218,33 @@ def join_by_shared_surface(
     cost = affinity.max() * 2 - affinity
     np.fill_diagonal(cost, 0.0)
     tree = minimum_spanning_tree(cost)
-    below = np.isfinite(shortest_path(hierarchy, unweighted=True))
-    start = int(np.argmax(np.where(hierarchy.any(axis=0), -1.0, below @ (areas @ weights))))
+    start = main_joint(areas @ weights / areas.sum(), hierarchy)
     order, above = breadth_first_order(tree, start, directed=False)
     place = np.empty(len(order), np.int64)
     place[order] = np.arange(len(order))
     parents = np.array([NO_PARENT if above[j] < 0 else place[above[j]] for j in order])
     return order.astype(np.int64), parents.astype(np.int64)
+
+
+def main_joint(
+    mass: Float[np.ndarray, " joints"],
+    hierarchy: Bool[np.ndarray, "joints joints"],
+    *,
+    least: float = 0.015,
+) -> int:
+    """Find the joint from which the body hangs: the top of the heaviest branch.
+
+    A root that itself moves less than `least` of the surface (an origin on the floor that holds
+    one hoof) gives way to the child under which most of the body hangs.
+    """
+    below = np.isfinite(shortest_path(hierarchy, unweighted=True)) @ mass
+    chosen = int(np.argmax(np.where(hierarchy.any(axis=0), -1.0, below)))
+    for _ in range(len(mass)):  # merged trees may hold cycles: never more steps than joints
+        children = np.flatnonzero(hierarchy[chosen])
+        if mass[chosen] >= least or not len(children):
+            break
+        chosen = int(children[below[children].argmax()])
+    return chosen
 
 
 def place_anchors(

@@ -15,6 +15,7 @@ from bunraku.meshes import scale_to_unit_area
 from bunraku.registration.articulated import (
     COARSE,
     FINE,
+    FIRM,
     STIFF,
     Stage,
     fit,
@@ -34,6 +35,7 @@ STIFFNESS = 10.0 ** np.linspace(-5, -8.5, 8)  # of the non-rigid steps
 GOOD_COARSE = 0.12  # misfit below which no further start is tried
 POOR_COARSE = 0.2  # misfit above which the proportions themselves are doubted
 POOR_FINE = 0.25  # misfit above which the functional map is asked
+AS_GOOD = 1.2  # times the best misfit, below which the source at rest explains as well
 LOOSE = 0.31  # misfit above which a stretched puppet's turns are noise
 MAPPED = Stage(10, 0, 0.0, 1.0, 1.0, 1e-4, 1e-2)  # to the map's points
 REFIT = Stage(4, 0, 0.0, 1.0, 1.0, 1e-5, 1e-4)  # of the rig to a freed surface
@@ -47,6 +49,7 @@ class Registration:
     fitted: Float[np.ndarray, "vertices 3"]  # the source's proxy on the figure, in its metres
     error: float  # misfit of the articulated puppet, 0 perfect, 2 nowhere near
     others: tuple[float, ...]  # misfit of the other starts, best first
+    at_rest: bool = False  # the figure stands as the source does at rest
 
     @property
     def strain(self) -> float:
@@ -193,6 +196,16 @@ def refine_candidate(puppet: Puppet, surface: Surface, candidate: Candidate) -> 
     return Candidate(pose, candidate.home, error)
 
 
+def unposed_candidate(puppet: Puppet, surface: Surface, best: Candidate) -> Candidate:
+    """Fit the source at rest, faced as the best candidate, with hardly a turn.
+
+    If that is nearly as good it is the better explanation: free limbs slide along each other.
+    """
+    start = rest_pose(puppet, vertical_turn(best.pose.rotations[0]))
+    pose = fit(puppet, start, surface, FIRM)
+    return Candidate(pose, None, fit_error(puppet, pose, surface))
+
+
 def doubt(candidate: Candidate) -> float:
     """Rank candidates by misfit; files face +Z, so one facing back must fit a tenth better."""
     turned = candidate.pose.rotations[0]
@@ -237,6 +250,9 @@ def register_body(
     surface = make_surface(vertices, figure.faces)
     held = hold_landmarks(body, figure, surface, landmarks or {}, names)
     best, *others = find_candidates(held[0], figure, held[1])
-    pose, freed = free_from_rig(body.puppet, best.pose, surface)
+    plain = unposed_candidate(held[0].puppet, held[1], best)
+    at_rest = plain.error < AS_GOOD * best.error
+    chosen = plain if at_rest else best
+    pose, freed = free_from_rig(body.puppet, chosen.pose, surface)
     misses = tuple(other.error for other in others)
-    return Registration(pose, freed * scale + centre, best.error, misses)
+    return Registration(pose, freed * scale + centre, chosen.error, misses, at_rest)

@@ -46,6 +46,7 @@ def repose(
     trust: Float[np.ndarray, " joints"],
     *,
     misfit: float,
+    at_rest: bool = False,
 ) -> Reposed:
     """Bring a figure's joints into the source's rest pose, about its first joint.
 
@@ -55,6 +56,7 @@ def repose(
         surface_turns: world rotation of each joint's surface from rest to as found.
         trust: weight of each surface turn beside the joints' places.
         misfit: of the registration; the larger, the less small turns are believed.
+        at_rest: the registration found the figure as the source stands; no turn is believed.
     """
     carriers = body.carriers
     found = recover_rest_pose(

@@ -94,7 +94,8 @@ def animate_from_rig(
 
     watch.begin("rest pose")
     turns, trust = surface_turns(*body.surface, body.carriers, registration.fitted)
-    reposed = repose(joints, body, turns, trust, misfit=registration.error)
+    misfit, at_rest = registration.error, registration.at_rest
+    reposed = repose(joints, body, turns, trust, misfit=misfit, at_rest=at_rest)
     bind = turned_frames(source.skeleton, joints, reposed.heading @ reposed.turns)
     plan = plan_retarget(body, reposed, figure.vertices, weights, source.skeleton)
 
