@@ -150,6 +150,7 @@ def rigged_files(folder: Path) -> dict[Path, list[Path]]:
     """List the files that may hold rigged characters, by the folder they share."""
     files: dict[Path, list[Path]] = {}
     for path in sorted(folder.rglob("*")):
-        if path.suffix.lower() in RIGGED_SUFFIXES and "unrigged" not in path.parts:
+        below = path.relative_to(folder).parts
+        if path.suffix.lower() in RIGGED_SUFFIXES and "unrigged" not in below:
             files.setdefault(path.parent, []).append(path)
     return files
