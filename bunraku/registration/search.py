@@ -53,14 +53,8 @@ class Registration:
 
     @property
     def strain(self) -> float:
-        """Give the misfit, made worse by mean turns beyond 20 degrees where the fit is poor.
-
-        A body bends into a torus as well as it stretches onto a chibi; but it must bend more.
-        """
-        joints = max(1, len(self.pose.rotations) - 1)  # all but the root
-        turn = np.rad2deg(rotation_angles(self.pose.rotations[1:]).sum()) / joints
-        poor = float(np.clip((self.error - 0.2) / 0.1, 0.0, 1.0))
-        return float(self.error * (1.0 + poor * 0.02 * max(0.0, turn - 20.0)))
+        """Give the misfit, made worse by turns where the fit is poor."""
+        return strain_of(self.pose, self.error)
 
     @property
     def confidence(self) -> float:
@@ -136,10 +130,11 @@ def likely_moments(
 
 
 def stretched_candidates(puppet: Puppet, surface: Surface) -> list[Candidate]:
-    """Give starts for other proportions, for the two quarter turns whose tips pair best."""
+    """Give starts for other proportions: ahead, and the quarter turn whose tips pair best."""
     tips = surface_tips(puppet, surface)
     paired = [pair_landmarks(puppet, surface, tips, heading) for heading in QUARTERS]
-    likely = np.argsort([cost for _, cost in paired], kind="stable")[:2]
+    aside = 1 + int(np.argmin([cost for _, cost in paired[1:]]))
+    likely = (0, aside)
     poses = [reach_tips(puppet, surface, paired[k][0], QUARTERS[k]) for k in likely]
     return [Candidate(p, p, fit_error(puppet, p, surface)) for p in poses]
 
@@ -206,11 +201,23 @@ def unposed_candidate(puppet: Puppet, surface: Surface, best: Candidate) -> Cand
     return Candidate(pose, None, fit_error(puppet, pose, surface))
 
 
+def strain_of(pose: Pose, error: float) -> float:
+    """Make a poor misfit worse by mean turns beyond 20 degrees.
+
+    A body bends into a torus as well as it stretches onto a chibi; but it must bend more.
+    """
+    joints = max(1, len(pose.rotations) - 1)  # all but the root
+    turn = np.rad2deg(rotation_angles(pose.rotations[1:]).sum()) / joints
+    poor = float(np.clip((error - 0.2) / 0.1, 0.0, 1.0))
+    return float(error * (1.0 + poor * 0.02 * max(0.0, turn - 20.0)))
+
+
 def doubt(candidate: Candidate) -> float:
-    """Rank candidates by misfit; files face +Z, so one facing back must fit a tenth better."""
+    """Rank candidates by strain; files face +Z, so one facing back must fit a tenth better."""
     turned = candidate.pose.rotations[0]
     forward = (turned[0, 0] + turned[2, 2]) / 2
-    return candidate.error * (1.0 + 0.05 * (1.0 - float(np.clip(forward, -1.0, 1.0))))
+    strain = strain_of(candidate.pose, candidate.error)
+    return strain * (1.0 + 0.05 * (1.0 - float(np.clip(forward, -1.0, 1.0))))
 
 
 def refit(puppet: Puppet, pose: Pose, vertices: Float[np.ndarray, "vertices 3"]) -> Pose:
