@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from bunraku.graphs import root_first
+from bunraku.meshes import referenced
 from bunraku.registration.body import Body
 from bunraku.reposing import Reposed
 from bunraku.rotations import (
@@ -25,7 +26,7 @@ from bunraku.skinning import (
     linear_blend_skinning,
     local_transforms,
 )
-from bunraku.types import NO_PARENT, Clip, Skeleton
+from bunraku.types import NO_PARENT, Clip, Mesh, Skeleton
 
 LEAST_SCALE = 1e-3  # what a clip scales to nothing, to hide it, stays just larger than nothing
 
@@ -59,7 +60,7 @@ def skeleton_of(source: Skeleton, world: Float[np.ndarray, "joints 4 4"]) -> Ske
 def plan_retarget(
     body: Body,
     reposed: Reposed,
-    found: Float[np.ndarray, "vertices 3"],
+    figure: Mesh,
     weights: Float[np.ndarray, "vertices joints"],
     source: Skeleton,
 ) -> Retarget:
@@ -68,14 +69,16 @@ def plan_retarget(
     Args:
         body: the source, wrapped.
         reposed: the figure's way to the source's rest pose.
-        found: the figure's vertices as found.
+        figure: as found; its vertices in no face, which nobody sees, do not count.
         weights: its skin.
         source: the source's skeleton.
     """
     plan = Retarget(source, reposed.places, body.carriers, 1.0, reposed.heading)
     bind = turned_frames(source, reposed.found, reposed.heading @ reposed.turns)
     rest = heading_frames(plan)
-    rested = linear_blend_skinning(found, weights, rest @ invert_rigid(bind))
+    seen = referenced(figure.faces, len(weights)) if len(figure.faces) else slice(None)
+    found = figure.vertices[seen]
+    rested = linear_blend_skinning(found, weights[seen], rest @ invert_rigid(bind))
     hips, ground = body.puppet.joints[0], float(rested[:, 1].min())
     own = float(body.joints[hips, 1] - body.proxy.mesh.vertices[:, 1].min())
     height = float(rest[hips, 1, 3]) - ground

@@ -21,7 +21,7 @@ from bunraku.retargeting import (
 )
 from bunraku.rotations import compose_transforms, vectors_to_matrices
 from bunraku.skinning import clip_transforms, forward_kinematics
-from bunraku.types import Character, Clip, Skeleton
+from bunraku.types import Character, Clip, Mesh, Skeleton
 from tests.creatures import JOINTS, NAMES, PARENTS
 
 AHEAD = np.eye(3)
@@ -261,9 +261,9 @@ def plan_for(body: Body, creature: Character, vertices: np.ndarray, **reposed) -
     """Plan for a copy of the creature, found at rest but for what is said."""
     still = np.tile(np.eye(3), (7, 1, 1))
     rest = Reposed(JOINTS, still, AHEAD, JOINTS, 0.0)
-    return plan_retarget(
-        body, replace(rest, **reposed), vertices, creature.skin.weights, creature.skeleton
-    )
+    figure = Mesh(np.vstack([vertices, [[0, -50.0, 0]]]), creature.mesh.faces)  # one is stray
+    weights = np.vstack([creature.skin.weights, np.eye(7)[:1]])
+    return plan_retarget(body, replace(rest, **reposed), figure, weights, creature.skeleton)
 
 
 def test_a_figure_like_the_source_is_planned_as_the_source(body, creature):

@@ -97,7 +97,7 @@ def animate_from_rig(
     misfit, at_rest = registration.error, registration.at_rest
     reposed = repose(joints, body, turns, trust, misfit=misfit, at_rest=at_rest)
     bind = turned_frames(source.skeleton, joints, reposed.heading @ reposed.turns)
-    plan = plan_retarget(body, reposed, figure.vertices, weights, source.skeleton)
+    plan = plan_retarget(body, reposed, figure, weights, source.skeleton)
 
     watch.begin("retargeting")
     rest = heading_frames(plan)
