@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from bunraku.graphs import ancestors
 from bunraku.meshes import (
     closest_points,
     farthest_points,
@@ -13,7 +14,7 @@ from bunraku.meshes import (
     vertex_areas,
 )
 from bunraku.proxy import Proxy, build_proxy
-from bunraku.registration.puppet import Puppet, make_puppet, tree_of_places
+from bunraku.registration.puppet import Pose, Puppet, make_puppet, tree_of_places
 from bunraku.rotations import decompose_transforms
 from bunraku.skinning import clip_transforms, forward_kinematics
 from bunraku.types import Character
@@ -88,3 +89,18 @@ def choose_moments(
     turns = np.concatenate(looked)
     spread = (turns * np.sqrt(mass / mass.sum())[:, None, None]).reshape(len(turns), -1)
     return turns[farthest_points(spread, count)]
+
+
+def moving_joint(body: Body, joint: int) -> int:
+    """Give the puppet's joint that carries a joint of the full skeleton."""
+    place = {int(kept): index for index, kept in enumerate(body.puppet.joints)}
+    return next((place[above] for above in ancestors(body.parents, joint) if above in place), 0)
+
+
+def posed_joints(body: Body, pose: Pose) -> Float[np.ndarray, "joints 3"]:
+    """Place every joint of the full skeleton as a posed puppet carries it, at area 1."""
+    _, centre, scale = scale_to_unit_area(body.proxy.mesh.vertices, body.proxy.mesh.faces)
+    _, linear, anchors = pose.world(body.puppet)
+    by = np.array([moving_joint(body, joint) for joint in range(len(body.joints))])
+    offsets = (body.joints - centre) / scale - body.puppet.anchors[by]
+    return anchors[by] + np.einsum("jab,jb->ja", linear[by], offsets)

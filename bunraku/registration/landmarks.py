@@ -5,9 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from bunraku.graphs import ancestors
 from bunraku.meshes import scale_to_unit_area
-from bunraku.registration.body import Body
+from bunraku.registration.body import Body, moving_joint
 from bunraku.registration.correspondence import Surface, pin
 from bunraku.types import Mesh
 
@@ -63,9 +62,3 @@ def hold_landmarks(
         pins=pin(moving, still, HELD),
     )
     return replace(body, puppet=pinned), goal
-
-
-def moving_joint(body: Body, joint: int) -> int:
-    """Give the puppet's joint that carries a joint of the full skeleton."""
-    place = {int(kept): index for index, kept in enumerate(body.puppet.joints)}
-    return next((place[above] for above in ancestors(body.parents, joint) if above in place), 0)

@@ -22,7 +22,7 @@ from bunraku.registration.articulated import (
     fit_error,
     gauss_newton_step,
 )
-from bunraku.registration.body import Body
+from bunraku.registration.body import Body, posed_joints
 from bunraku.registration.correspondence import Surface, make_surface, misfit, pin
 from bunraku.registration.extremities import QUARTERS, pair_landmarks, reach_tips, surface_tips
 from bunraku.registration.landmarks import hold_landmarks
@@ -47,6 +47,7 @@ class Registration:
 
     pose: Pose  # of the puppet, in units of sqrt(area)
     fitted: Float[np.ndarray, "vertices 3"]  # the source's proxy on the figure, in its metres
+    joints: Float[np.ndarray, "joints 3"]  # where the posed rig has its joints, in the same
     error: float  # misfit of the articulated puppet, 0 perfect, 2 nowhere near
     others: tuple[float, ...]  # misfit of the other starts, best first
     at_rest: bool = False  # the figure stands as the source does at rest
@@ -258,8 +259,9 @@ def register_body(
     held = hold_landmarks(body, figure, surface, landmarks or {}, names)
     best, *others = find_candidates(held[0], figure, held[1])
     plain = unposed_candidate(held[0].puppet, held[1], best)
-    at_rest = plain.error < AS_GOOD * best.error
+    at_rest = doubt(plain) < AS_GOOD * doubt(best)
     chosen = plain if at_rest else best
     pose, freed = free_from_rig(body.puppet, chosen.pose, surface)
     misses = tuple(other.error for other in others)
-    return Registration(pose, freed * scale + centre, chosen.error, misses, at_rest)
+    fitted, joints = freed * scale + centre, posed_joints(body, pose) * scale + centre
+    return Registration(pose, fitted, joints, chosen.error, misses, at_rest)

@@ -68,6 +68,8 @@ def repose(
     posed, share = believe_turns(body, turns, misfit=misfit)
     own = local_turns(turns, carriers)
     swung = (1.0 - share) * (1.0 - smooth_step(misfit, 0.16, 0.22))
+    if at_rest:
+        posed, share, swung = 0.0, np.zeros_like(share), np.zeros_like(swung)
     own = scale_turns(limb_swings(body, joints @ heading), swung) @ scale_turns(own, share)
     turns = chain_turns(own, carriers)
     undo = local_turns(np.swapaxes(turns, 1, 2), carriers)

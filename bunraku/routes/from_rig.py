@@ -90,7 +90,9 @@ def animate_from_rig(
 
     watch.begin("skin and skeleton")
     weights = skin_from_registration(body, registration, target, figure)
-    joints = carry_joints(*body.surface, body.joints, body.parents, registration.fitted)
+    joints = registration.joints  # surer where nothing turned; else the surface knows better
+    if not registration.at_rest:
+        joints = carry_joints(*body.surface, body.joints, body.parents, registration.fitted)
 
     watch.begin("rest pose")
     turns, trust = surface_turns(*body.surface, body.carriers, registration.fitted)

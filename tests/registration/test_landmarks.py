@@ -5,8 +5,9 @@ import pytest
 
 from bunraku.meshes import scale_to_unit_area
 from bunraku.registration.articulated import COARSE, fit
+from bunraku.registration.body import moving_joint
 from bunraku.registration.correspondence import make_surface
-from bunraku.registration.landmarks import HELD, hold_landmarks, moving_joint
+from bunraku.registration.landmarks import HELD, hold_landmarks
 from bunraku.registration.puppet import move_puppet, rest_pose
 from bunraku.rotations import vectors_to_matrices
 from bunraku.types import Mesh

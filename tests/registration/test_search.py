@@ -128,7 +128,7 @@ def test_registration_names_the_misfits_of_the_other_starts(registered):
 
 
 def registration_of(puppet, misfit: float) -> Registration:
-    return Registration(rest_pose(puppet), puppet.vertices, misfit, ())
+    return Registration(rest_pose(puppet), puppet.vertices, puppet.anchors, misfit, ())
 
 
 @pytest.mark.parametrize(("misfit", "confidence"), [(0.0, 1.0), (0.1, 0.984), (0.28, 0.5)])
@@ -149,3 +149,16 @@ def test_a_lying_figure_starts_from_the_functional_map(body):
     found = mapped_candidate(body, Mesh(surface.vertices, surface.faces), surface)
     assert found.error < 0.1 and found.home is None
     assert np.rad2deg(rotation_angles(lying.T @ found.pose.rotations[0])) < 5
+
+
+def test_a_figure_that_stands_as_the_source_is_found_at_rest_and_a_posed_one_is_not(body, creature):
+    still = body.proxy.mesh
+    raised = world_pose(creature.skeleton, pose_of({"leftArm": (0.0, 0.0, 60.0)}))
+    assert register_body(body, still).at_rest
+    moved = Mesh(move(creature, raised), creature.mesh.faces)
+    assert not register_body(body, moved).at_rest
+
+
+def test_joints_at_rest_are_the_sources(body):
+    found = register_body(body, body.proxy.mesh)
+    np.testing.assert_allclose(found.joints, body.joints, atol=0.01)
