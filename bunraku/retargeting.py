@@ -99,11 +99,12 @@ def way_home(
     """Say how to move a reposed figure so that it stands where clips expect it.
 
     A figure found at rest stays on its own ground. One caught in motion, near the origin of its
-    file, goes to the floor y = 0 and over the origin, as the source stands at rest.
+    file, perhaps in the air, goes to the floor y = 0 and over the origin, as the source stands at
+    rest.
     """
     floor, height = float(found[:, 1].min()), float(np.ptp(rested[:, 1]))
     shift = np.zeros(3)
-    if posed and abs(floor) < 0.3 * height:
+    if posed and -0.3 * height < floor < 0.8 * height:
         floor = 0.0
         aside = (home - hips) * [1.0, 0.0, 1.0]
         shift += aside if np.linalg.norm(aside) < 0.35 * height else 0.0

@@ -13,6 +13,7 @@ from bunraku.rotations import nearest_rotation
 from bunraku.types import NO_PARENT
 
 LEAST_SUPPORT = 12  # vertices that must surround a joint before an affine regressor is trusted
+FARTHEST_APART = 0.1  # of the figure's extent: beyond it the regressor has run away from its ring
 
 
 def joint_support(
@@ -128,6 +129,8 @@ def carry_joints(
     regressed, known = regress_joints(
         vertices, areas, joint_support(weights, parents), joints, images
     )
+    apart = np.linalg.norm(regressed - similar, axis=1)
+    known &= apart < FARTHEST_APART * np.linalg.norm(np.ptp(images, axis=0))
     placed = np.where(known[:, None], (regressed + similar) / 2, similar)
     carrier = nearest_moving_joint(areas @ weights > 1e-6 * areas.sum(), parents, joints)
     beside = np.flatnonzero(carrier != np.arange(len(parents)))

@@ -251,6 +251,11 @@ def test_a_figure_caught_in_motion_near_the_origin_goes_home():
     np.testing.assert_allclose(shift, [-0.3, -0.1, -0.4], atol=1e-12)
 
 
+def test_a_figure_caught_in_the_air_lands():
+    shift = way_home(standing_at(0.6), standing_at(0.6), HIPS, HOME, posed=True)
+    assert shift[1] == pytest.approx(-0.6)
+
+
 def test_a_figure_caught_in_motion_far_away_stays_there():
     far = standing_at(7.0)
     shift = way_home(far, far, HIPS * [10.0, 7.0, 1.0], HOME, posed=True)

@@ -172,9 +172,10 @@ def merge_small_joints(
     """Give each joint the joint that carries its surface: itself, or an ancestor if it is small.
 
     Leaves are merged first, so that a hand collects its fingers before it is judged itself; a
-    small root (a rig's origin on the floor) goes to its heaviest child, a small root without
-    children (an exporter's neutral bone) to the heaviest joint of all.
+    small root (a rig's origin on the floor) goes to the child under which most of the body hangs,
+    a small root without children (an exporter's neutral bone) to the heaviest joint of all.
     """
+    under = descendants(parents) @ mass
     owner, mass = np.arange(len(mass)), mass.copy()
     for joint in range(len(mass) - 1, -1, -1):
         if mass[joint] < least and parents[joint] != NO_PARENT:
@@ -183,7 +184,7 @@ def merge_small_joints(
     for joint in range(len(mass)):  # parents come first, so chains resolve in one pass
         children = np.flatnonzero((parents == joint) & (owner == np.arange(len(mass))))
         if owner[joint] == joint and mass[joint] < least and len(children):
-            owner[joint] = children[mass[children].argmax()]
+            owner[joint] = children[under[children].argmax()]
         owner[joint] = owner[owner[joint]]
     owner[(owner == np.arange(len(mass))) & (mass < least)] = mass.argmax()
     return owner[owner]

@@ -4,9 +4,10 @@ Registration finds a turn for every joint, but a bull's neck lies 30 degrees low
 because of what it is, not of what it does, and a clip must then add to each one's own rest. Arms
 in an A against arms in a T, or a figure caught in a run, are poses, and must be undone first.
 
-What decides (docs/log.md has the numbers): the mean turn of the whole surface, held against a bar
-that rises with the misfit, because a poor fit turns shape into pose; and, limb by limb for limbs
-off the plane of symmetry, how far the turn carries the surface.
+What decides (docs/log.md has the numbers): where each limb points as a whole, which hardly differs
+between bodies at rest and differs much in motion; and the mean turn of the whole surface, held
+against a bar that rises with the misfit, because a poor fit turns shape into pose. Turns of trunk,
+neck and tail count as pose only where the bodies are alike.
 """
 
 from dataclasses import dataclass
@@ -16,7 +17,6 @@ from jaxtyping import Bool, Float, Int
 
 from bunraku.graphs import descendants, root_first
 from bunraku.registration.body import Body
-from bunraku.registration.puppet import Pose, move_puppet
 from bunraku.reposing.energy import local_turns, place_joints, recover_rest_pose
 from bunraku.rotations import (
     matrices_to_vectors,
@@ -65,13 +65,10 @@ def repose(
     turns = np.swapaxes(found, 1, 2)
     heading = nearby_quarter(vertical_turn(turns[body.puppet.joints[0]]))
     turns = heading.T @ turns
-    posed, share = believe_turns(body, turns, misfit=misfit)
-    own = local_turns(turns, carriers)
-    swung = (1.0 - share) * (1.0 - smooth_step(misfit, 0.16, 0.22))
+    posed, share = believe_turns(body, turns, joints @ heading, misfit=misfit)
     if at_rest:
-        posed, share, swung = 0.0, np.zeros_like(share), np.zeros_like(swung)
-    own = scale_turns(limb_swings(body, joints @ heading), swung) @ scale_turns(own, share)
-    turns = chain_turns(own, carriers)
+        posed, share = 0.0, np.zeros_like(share)
+    turns = follow_turns(turns, share, carriers)
     undo = local_turns(np.swapaxes(turns, 1, 2), carriers)
     root = joints[root_first(carriers)[0]]
     ahead = (joints - root) @ heading  # all of it, other roots included, to the source's front
@@ -92,51 +89,45 @@ def nearby_quarter(heading: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"
 
 
 def believe_turns(
-    body: Body, turns: Float[np.ndarray, "joints 3 3"], *, misfit: float
+    body: Body,
+    turns: Float[np.ndarray, "joints 3 3"],
+    joints: Float[np.ndarray, "joints 3"],
+    *,
+    misfit: float,
 ) -> tuple[float, Float[np.ndarray, " joints"]]:
-    """Decide how much of each joint's own turn is pose: all of a posed figure's, or whole limbs'.
+    """Decide how much of each joint's turn is pose: all of a posed figure's, or whole limbs'.
+
+    A figure is posed if its surface turned as a whole, or if half of its limbs and more swung.
 
     Args:
         turns: world rotation of each joint from rest to as found, heading left out.
+        joints: of the figure as found, heading left out.
+        misfit: of the registration.
 
     Returns:
-        how posed the whole figure is, and the share of each joint's own turn to believe.
+        how posed the whole figure is, and the share of each joint's turn to believe.
     """
     puppet = body.puppet
     mass = puppet.areas @ puppet.weights
     mean = float(mass @ rotation_angles(turns[puppet.joints]) / mass.sum())
-    bar = np.deg2rad(11.0 + 14.0 * np.clip((misfit - 0.12) / 0.06, 0.0, 1.0))
-    posed = smooth_step(mean, 0.85 * bar, 1.15 * bar)
-    moved = displacement(body, turns)
-    share = np.full(len(turns), posed)
+    bar = np.deg2rad(11.0 + 24.0 * np.clip((misfit - 0.12) / 0.03, 0.0, 1.0))
+    turned = smooth_step(mean, 0.85 * bar, 1.15 * bar)
+    swings = limb_swings(body, turns, joints)
+    middle = sorted(swings.values())[(len(swings) - 1) // 2] if swings else 0.0
+    swung = smooth_step(middle, np.deg2rad(14.0), np.deg2rad(20.0))
+    alike = 1.0 - smooth_step(misfit, 0.16, 0.19)
+    share = np.full(len(turns), max(turned, swung * alike))
     below = descendants(body.carriers)
-    for limb in limbs(body):
-        carried = below[limb, puppet.joints]
-        weight = mass * carried
-        if weight.sum() > 0.02 * mass.sum():
-            reach = float(weight @ moved / weight.sum())
-            believed = smooth_step(reach, 0.08, 0.14)
-            share[below[limb]] = np.maximum(share[below[limb]], believed)
-    return posed, share
+    for limb, swing in swings.items():
+        believed = smooth_step(swing, np.deg2rad(17.0), np.deg2rad(27.0))
+        share[below[limb]] = np.maximum(share[below[limb]], believed)
+    return max(turned, swung), share
 
 
 def smooth_step(value: float, low: float, high: float) -> float:
     """Rise smoothly from 0 at `low` to 1 at `high`."""
     share = float(np.clip((value - low) / (high - low), 0.0, 1.0))
     return share * share * (3.0 - 2.0 * share)
-
-
-def displacement(
-    body: Body, turns: Float[np.ndarray, "joints 3 3"]
-) -> Float[np.ndarray, " puppet_joints"]:
-    """Give how far the turns carry each puppet joint's surface from rest, at area 1."""
-    puppet = body.puppet
-    still = np.zeros((len(puppet.parents), 2))
-    own = local_turns(turns[puppet.joints], puppet.parents)
-    moved, _ = move_puppet(puppet, Pose(puppet.anchors[0], own, still))
-    distance = np.linalg.norm(moved - puppet.vertices, axis=1)
-    weight = puppet.areas[:, None] * puppet.weights
-    return (distance @ weight) / np.maximum(weight.sum(axis=0), 1e-30)
 
 
 def limbs(body: Body) -> Int[np.ndarray, " limbs"]:
@@ -151,7 +142,8 @@ def off_symmetry(
 ) -> Bool[np.ndarray, " joints"]:
     """Tell which joints lie off the source's plane of symmetry, of the two vertical candidates.
 
-    The plane is the one whose mirror image of the joints fits best for how far they spread.
+    The plane is the one whose mirror image of the joints fits best for how far they spread
+    across it.
     """
     middle = np.median(joints, axis=0)  # of the surface it would follow a sword in one hand
     extent = float(np.ptp(vertices, axis=0).max())
@@ -160,46 +152,59 @@ def off_symmetry(
         mirrored = joints.copy()
         mirrored[:, axis] = 2 * middle[axis] - joints[:, axis]
         error = np.linalg.norm(mirrored[:, None] - joints, axis=2).min(axis=1).mean()
-        doubts.append(error - 0.5 * joints[:, axis].std())
+        doubts.append(error / (joints[:, axis].std() + 0.05 * extent))
     axis = (0, 2)[int(np.argmin(doubts))]
     return np.asarray(np.abs(joints[:, axis] - middle[axis]) > 0.02 * extent)
 
 
 def limb_swings(
-    body: Body, joints: Float[np.ndarray, "joints 3"]
-) -> Float[np.ndarray, "joints 3 3"]:
-    """Swing each limb, at its first joint and whole, from its direction at rest to the figure's.
+    body: Body,
+    turns: Float[np.ndarray, "joints 3 3"],
+    joints: Float[np.ndarray, "joints 3"],
+) -> dict[int, float]:
+    """Measure how far each limb, as a whole, points away from where it points at rest.
 
-    A stance is more than its large turns: legs that stand closer together must start closer. Only
-    a good fit tells it from noise (docs/log.md).
+    Limbs of less than a fiftieth of the surface do not count.
 
     Args:
-        joints: of the figure as found, its heading undone.
+        turns: world rotation of each joint from rest to as found, heading left out.
+        joints: of the figure as found, heading left out.
 
     Returns:
-        a turn for the first joint of each limb, none for all others.
+        angle by the limb's first joint, in radians.
     """
-    swings = np.tile(np.eye(3), (len(joints), 1, 1))
     mass = body.areas @ body.weights / body.areas.sum()
-    below = descendants(body.carriers) & (mass > 4e-3)
-    for limb in limbs(body):
-        reach = np.linalg.norm(body.joints - body.joints[limb], axis=1) * below[limb]
-        end = int(reach.argmax())
+    below = descendants(body.carriers)
+    swings = {}
+    for limb in limbs(body).tolist():
+        if mass[below[limb]].sum() < 0.02:
+            continue
+        reach = np.linalg.norm(body.joints - body.joints[limb], axis=1)
+        reach *= below[limb] & (mass > 4e-3)
+        end = int(reach.argmax()) if reach.any() else limb
         rest, found = body.joints[end] - body.joints[limb], joints[end] - joints[limb]
-        if mass[below[limb]].sum() > 0.02 and reach[end] > 0 and found.any():
-            swings[limb] = rotation_between(rest, found)
+        if below[limb].sum() == 1:  # a limb of one joint ends where its surface does
+            own = body.areas * body.weights[:, limb]
+            rest = own @ body.proxy.mesh.vertices / own.sum() - body.joints[limb]
+            found = turns[limb] @ rest
+        if rest.any() and found.any():
+            swings[limb] = float(rotation_angles(rotation_between(rest, found)[None])[0])
     return swings
 
 
-def scale_turns(
-    turns: Float[np.ndarray, "joints 3 3"], share: Float[np.ndarray, " joints"]
+def follow_turns(
+    turns: Float[np.ndarray, "joints 3 3"],
+    share: Float[np.ndarray, " joints"],
+    parents: Int[np.ndarray, " joints"],
 ) -> Float[np.ndarray, "joints 3 3"]:
-    """Take a share of each turn, about its own axis."""
-    return vectors_to_matrices(matrices_to_vectors(turns) * share[:, None])
+    """Let each joint follow its parent's turn, or, by its share, take its own (all in the world).
 
-
-def chain_turns(
-    own: Float[np.ndarray, "joints 3 3"], parents: Int[np.ndarray, " joints"]
-) -> Float[np.ndarray, "joints 3 3"]:
-    """Chain each joint's own turn down the tree into world rotations."""
-    return place_joints(np.zeros((len(parents), 3)), parents, own, np.zeros(3))[1]
+    A believed arm points where it was found, however little of the trunk's turn is believed.
+    """
+    followed = turns.copy()
+    for joint in root_first(parents):
+        parent = parents[joint]
+        above = np.eye(3) if parent == NO_PARENT else followed[parent]
+        own = matrices_to_vectors(above.T @ turns[joint])
+        followed[joint] = above @ vectors_to_matrices(share[joint] * own)
+    return followed

@@ -159,6 +159,12 @@ def test_a_small_root_goes_to_its_heaviest_child_and_a_lone_one_to_the_heaviest_
     np.testing.assert_array_equal(merge_small_joints(mass, parents, 1.0), [3, 3, 2, 3])
 
 
+def test_a_small_root_goes_where_most_of_the_body_hangs():
+    """A heavy foot that an IK rig hangs off the floor is no match for the whole body."""
+    parents, mass = np.array([-1, 0, 0, 2, 3]), np.array([0.0, 4.0, 1.5, 3.0, 3.0])
+    np.testing.assert_array_equal(merge_small_joints(mass, parents, 1.0), [2, 1, 2, 3, 4])
+
+
 def test_merging_leaves_joints_that_carry_enough_alone(creature, rng):
     mass = rng.uniform(1, 2, 7)
     np.testing.assert_array_equal(merge_small_joints(mass, PARENTS, 1.0), np.arange(7))
