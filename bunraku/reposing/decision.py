@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float, Int
 
 from bunraku.graphs import descendants, root_first
 from bunraku.registration.body import Body
-from bunraku.reposing.energy import local_turns, place_joints, recover_rest_pose
+from bunraku.reposing.energy import goal_joints, local_turns, place_joints, recover_rest_pose
 from bunraku.rotations import (
     matrices_to_vectors,
     rotation_angles,
@@ -164,7 +164,8 @@ def limb_swings(
 ) -> dict[int, float]:
     """Measure how far each limb, as a whole, points away from where it points at rest.
 
-    Limbs of less than a fiftieth of the surface do not count.
+    From its first joint to its last one, the bones as long as the source's: a long foot on a short
+    leg is no swing. Limbs of less than a twenty-fifth of the surface (ears, antlers) do not count.
 
     Args:
         turns: world rotation of each joint from rest to as found, heading left out.
@@ -175,14 +176,15 @@ def limb_swings(
     """
     mass = body.areas @ body.weights / body.areas.sum()
     below = descendants(body.carriers)
+    goal = goal_joints(body.joints, joints, body.carriers)
     swings = {}
     for limb in limbs(body).tolist():
-        if mass[below[limb]].sum() < 0.02:
+        if mass[below[limb]].sum() < 0.04:
             continue
         reach = np.linalg.norm(body.joints - body.joints[limb], axis=1)
         reach *= below[limb] & (mass > 4e-3)
         end = int(reach.argmax()) if reach.any() else limb
-        rest, found = body.joints[end] - body.joints[limb], joints[end] - joints[limb]
+        rest, found = body.joints[end] - body.joints[limb], goal[end] - goal[limb]
         if below[limb].sum() == 1:  # a limb of one joint ends where its surface does
             own = body.areas * body.weights[:, limb]
             rest = own @ body.proxy.mesh.vertices / own.sum() - body.joints[limb]
