@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from bunraku import skeletons
 from bunraku.meshes import vertex_areas
 from bunraku.rotations import rotation_angles
 from bunraku.skeletons import (
@@ -122,6 +123,16 @@ def test_a_joint_that_moves_nothing_keeps_its_place_beside_the_others(creature, 
     images = 2.0 * surface[0] @ TURN.T
     placed = carry_joints(*surface, joints, parents, images)
     np.testing.assert_allclose(placed, 2.0 * joints @ TURN.T, atol=1e-4)
+
+
+def test_a_regressor_that_ran_away_is_not_believed(creature, monkeypatch):
+    def run_away(vertices, areas, support, joints, images):
+        return joints + np.array([0.0, 0.0, 9.0]), np.ones(len(joints), bool)
+
+    monkeypatch.setattr(skeletons, "regress_joints", run_away)
+    surface = surface_of(creature)
+    placed = carry_joints(*surface, JOINTS, PARENTS, surface[0])
+    np.testing.assert_allclose(placed, JOINTS, atol=1e-6)
 
 
 def test_the_nearest_moving_joint_by_hand():

@@ -27,7 +27,7 @@ from bunraku.evaluate.families import (
 )
 from bunraku.evaluate.results import make_table
 from bunraku.humanoids import name_joints
-from bunraku.rotations import nearest_rotation
+from bunraku.rotations import nearest_rotation, vectors_to_matrices
 from bunraku.routes.from_rig import animate_from_rig
 from bunraku.skinning import linear_blend_skinning
 from bunraku.types import Character, Clip, MatchError
@@ -139,11 +139,15 @@ def measure(task: Task, *, frame_count: int = 8, seed: int = 0) -> Row:
 def _follow(
     task: Task, moved: Mapping[str, list[Frames]], phases: Float[np.ndarray, " frames"]
 ) -> dict[str, float]:
-    """Give the bone direction error of every way of moving the figure, mean over clips."""
+    """Give the bone direction error of every way of moving the figure, mean over clips.
+
+    A file may look another way than the human does; the human's bones are turned to its front.
+    """
     own = {name: i for i, name in enumerate(task.source.skeleton.names)}
     bones = [(a, b) for a, b in BONES if {a, b} <= own.keys() & task.joints.keys()]
     ours = np.array([[own[a], own[b]] for a, b in bones])
     theirs = np.array([[task.joints[a], task.joints[b]] for a, b in bones])
+    ahead = heading_of(task)
     errors: dict[str, list[float]] = {method: [] for method in METHODS if method in moved}
     for i, clip in enumerate(task.clips):
         motion = motion_at(task.source, clip, phases)
@@ -153,10 +157,24 @@ def _follow(
             found.append(
                 metrics.bone_direction_error(
                     carried[:, theirs[:, 1]] - carried[:, theirs[:, 0]],
-                    human[:, ours[:, 1]] - human[:, ours[:, 0]],
+                    (human[:, ours[:, 1]] - human[:, ours[:, 0]]) @ ahead.T,
                 )
             )
     return {method: float(np.mean(found)) for method, found in errors.items()}
+
+
+def heading_of(task: Task) -> Float[np.ndarray, "3 3"]:
+    """Give the quarter turn from the human's front to the figure's, by their left and right."""
+    own = {name: i for i, name in enumerate(task.source.skeleton.names)}
+    both = own.keys() & task.joints.keys()
+    left = sorted(n for n in both if n.startswith("left") and "right" + n[4:] in both)
+    pairs = np.array([[2 * i, 2 * i + 1] for i in range(len(left))])
+    sides = [side for name in left for side in (name, "right" + name[4:])]
+    human = forward_of(bind_joints(task.source)[[own[n] for n in sides]], pairs)
+    figure = forward_of(bind_joints(task.member.character)[[task.joints[n] for n in sides]], pairs)
+    yaw = np.arctan2(figure[0], figure[2]) - np.arctan2(human[0], human[2])
+    quarter = np.round(yaw / (np.pi / 2)) * (np.pi / 2)
+    return vectors_to_matrices(np.array([0.0, quarter, 0.0]))
 
 
 def carry_joints(character: Character, moved: Frames) -> Float[np.ndarray, "frames joints 3"]:

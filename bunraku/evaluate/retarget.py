@@ -251,7 +251,9 @@ def tabulate(rows: Sequence[Row]) -> Table:
         for kind in ("rest", "frozen")
     }
     for kind in ("rest", "frozen"):
-        groups[f"all {kind}"] = [row for row in rows if (row.pose == "rest") == (kind == "rest")]
+        alike = [row for row in rows if (row.pose == "rest") == (kind == "rest")]
+        groups[f"all {kind}"] = alike
+        groups[f"of these, clips alike: {kind}"] = [row for row in alike if clips_are_alike(row)]
     groups["all"] = list(rows)
     lines = [[name, *_summary(group)] for name, group in groups.items() if group]
     return make_table(
@@ -259,6 +261,14 @@ def tabulate(rows: Sequence[Row]) -> Table:
         ("family", "rows", *METHODS, "ratio", *IN_PLACE, "ELS nearest", "ours", "joints %h", "s"),
         lines,
     )
+
+
+def clips_are_alike(row: Row, *, share: float = 0.25) -> bool:
+    """Tell whether source and target play about the same motion, so that a score means something.
+
+    It is if the source's clip on the target's own rig errs at most this share of the baseline.
+    """
+    return row.scores["own rig"].pmd <= share * row.scores["nearest vertex"].pmd
 
 
 def _summary(rows: Sequence[Row]) -> list[float | str]:

@@ -51,6 +51,38 @@ def test_a_twin_follows_exactly(task, monkeypatch):
     assert not row.turned_back
 
 
+@pytest.mark.parametrize("degrees", [90, 180, -90])
+def test_a_file_that_looks_another_way_is_no_error(task, human, monkeypatch, degrees):
+    """Its clips play in its own front: the human's bones count as turned with it."""
+    turned = np.eye(4)
+    turned[:3, :3] = Rotation.from_euler("y", degrees, degrees=True).as_matrix()
+
+    def turn(found):
+        inverse = found.skin.inverse_bind @ np.linalg.inv(turned)
+        rest = found.skeleton.rest.copy()
+        rest[0] = turned @ rest[0]
+        mesh = replace(found.mesh, vertices=found.mesh.vertices @ turned[:3, :3].T)
+        clips = tuple(turn_clip(clip, turned[:3, :3]) for clip in found.clips)
+        skin = replace(found.skin, inverse_bind=inverse)
+        skeleton = replace(found.skeleton, rest=rest)
+        return replace(found, mesh=mesh, skin=skin, skeleton=skeleton, clips=clips)
+
+    stand_in(monkeypatch, turn)
+    member = replace(task.member, character=turn(human))
+    row = across.measure(replace(task, member=member), frame_count=3)
+    assert row.degrees["ours"] < 3.0
+    assert not row.turned_back
+
+
+def turn_clip(clip, turn):
+    """Turn a clip's root about the vertical."""
+    rotations, translations = clip.rotations.copy(), clip.translations.copy()
+    whole = Rotation.from_matrix(turn)
+    rotations[:, 0] = (whole * Rotation.from_quat(rotations[:, 0])).as_quat()
+    translations[:, 0] = translations[:, 0] @ turn.T
+    return replace(clip, rotations=rotations, translations=translations)
+
+
 @pytest.mark.parametrize(("flip", "field"), [([-1, 1, 1], "mirrored"), ([1, 1, -1], "turned_back")])
 def test_flips_are_seen(task, monkeypatch, flip, field):
     def mirror(found):

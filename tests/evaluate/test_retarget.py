@@ -121,5 +121,20 @@ def test_rows_survive_the_state_file(family, naive, tmp_path):
 def test_the_table_has_a_line_for_each_family_and_the_whole(family, naive):
     rows = [retarget.measure(task) for task in retarget.find_tasks(family, clip_count=1)]
     table = retarget.tabulate(rows)
-    names = ["sticks rest", "sticks frozen", "all rest", "all frozen", "all"]
-    assert list(table.columns[0].cells) == names
+    alike = [f"of these, clips alike: {kind}" for kind in ("rest", "frozen")]
+    names = ["sticks rest", "sticks frozen", "all rest", alike[0], "all frozen", alike[1], "all"]
+    listed = list(table.columns[0].cells)
+    assert [name for name in names if name not in alike or name in listed] == listed
+
+
+def test_clips_are_alike_where_the_own_rig_does_much_better_than_the_baseline():
+    def row(own: float) -> retarget.Row:
+        scores = {
+            "own rig": retarget.Scores(own, own, 1.0),
+            "nearest vertex": retarget.Scores(8.0, 8.0, 1.0),
+        }
+        return retarget.Row("family", "a", "b", "rest", ("walk",), scores)
+
+    assert retarget.clips_are_alike(row(2.0)) and not retarget.clips_are_alike(row(2.1))
+    names = list(retarget.tabulate([row(2.0), row(2.1)]).columns[1].cells)
+    assert names == ["2", "2", "1", "2"]
