@@ -13,7 +13,7 @@ from bunraku.rotations import nearest_rotation
 from bunraku.types import NO_PARENT
 
 LEAST_SUPPORT = 12  # vertices that must surround a joint before an affine regressor is trusted
-FARTHEST_APART = 0.1  # of the figure's extent: beyond it the regressor has run away from its ring
+FARTHEST_APART = 0.1  # of the figure's diagonal: beyond it the regressor ran away from its ring
 
 
 def joint_support(
@@ -111,7 +111,7 @@ def carry_joints(
     parents: Int[np.ndarray, " joints"],
     images: Float[np.ndarray, "vertices 3"],
 ) -> Float[np.ndarray, "joints 3"]:
-    """Place every joint on the target, in metres: by regressor and similarity where both know it.
+    """Place every joint on the target, in metres: by similarity, and by regressor where they agree.
 
     Joints that move no surface (a floor root, poles, finger tips) keep their place beside the
     nearest joint that does.

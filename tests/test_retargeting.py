@@ -252,8 +252,9 @@ def test_a_figure_caught_in_motion_near_the_origin_goes_home():
 
 
 def test_a_figure_caught_in_the_air_lands():
-    shift = way_home(standing_at(0.6), standing_at(0.6), HIPS, HOME, posed=True)
-    assert shift[1] == pytest.approx(-0.6)
+    high, above = standing_at(1.5), standing_at(1.7)  # of a height of 2
+    assert way_home(high, high, HIPS, HOME, posed=True)[1] == pytest.approx(-1.5)
+    assert way_home(above, above, HIPS, HOME, posed=True)[1] == 0.0
 
 
 def test_a_figure_caught_in_motion_far_away_stays_there():

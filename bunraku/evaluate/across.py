@@ -1,7 +1,8 @@
 """Table: the built-in human moves figures of other makes; do their own bones follow?
 
 There is no clip to compare with, but the joints hidden in each figure are known by role. Moved
-surfaces carry them along, and the bones between them should point as the human's do.
+surfaces carry them along, and the bones between them should point as the human's do, turned to the
+figure's front. The baseline plays its clips to the human's front, wherever the figure looks.
 """
 
 import logging

@@ -242,7 +242,10 @@ def describe(row: Row) -> str:
 
 
 def tabulate(rows: Sequence[Row]) -> Table:
-    """Set the means of each family, at rest and frozen, and of all rows, in a table."""
+    """Set the means of each family, at rest and frozen, and of all rows, in a table.
+
+    Rows in which source and target play about the same motion are averaged once more apart.
+    """
     groups = {
         f"{family} {kind}": [
             row for row in rows if row.family == family and (row.pose == "rest") == (kind == "rest")
@@ -251,9 +254,9 @@ def tabulate(rows: Sequence[Row]) -> Table:
         for kind in ("rest", "frozen")
     }
     for kind in ("rest", "frozen"):
-        alike = [row for row in rows if (row.pose == "rest") == (kind == "rest")]
-        groups[f"all {kind}"] = alike
-        groups[f"of these, clips alike: {kind}"] = [row for row in alike if clips_are_alike(row)]
+        of_kind = [row for row in rows if (row.pose == "rest") == (kind == "rest")]
+        groups[f"all {kind}"] = of_kind
+        groups[f"of these, clips alike: {kind}"] = [row for row in of_kind if clips_are_alike(row)]
     groups["all"] = list(rows)
     lines = [[name, *_summary(group)] for name, group in groups.items() if group]
     return make_table(
@@ -266,7 +269,7 @@ def tabulate(rows: Sequence[Row]) -> Table:
 def clips_are_alike(row: Row, *, share: float = 0.25) -> bool:
     """Tell whether source and target play about the same motion, so that a score means something.
 
-    It is if the source's clip on the target's own rig errs at most this share of the baseline.
+    They do if the source's clip on the target's own rig errs at most this share of the baseline.
     """
     return row.scores["own rig"].pmd <= share * row.scores["nearest vertex"].pmd
 

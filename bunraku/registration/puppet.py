@@ -182,10 +182,13 @@ def merge_small_joints(
             owner[joint] = parents[joint]
             mass[parents[joint]] += mass[joint]
     for joint in range(len(mass)):  # parents come first, so chains resolve in one pass
-        children = np.flatnonzero((parents == joint) & (owner == np.arange(len(mass))))
-        if owner[joint] == joint and mass[joint] < least and len(children):
-            owner[joint] = children[under[children].argmax()]
         owner[joint] = owner[owner[joint]]
+    kept = owner == np.arange(len(mass))
+    above = np.where(parents == NO_PARENT, NO_PARENT, owner[parents])
+    for root in np.flatnonzero(kept & (mass < least)):
+        children = np.flatnonzero(kept & (above == root))
+        if len(children):
+            owner[owner == root] = children[under[children].argmax()]
     owner[(owner == np.arange(len(mass))) & (mass < least)] = mass.argmax()
     return owner[owner]
 

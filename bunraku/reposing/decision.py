@@ -6,8 +6,8 @@ in an A against arms in a T, or a figure caught in a run, are poses, and must be
 
 What decides (docs/log.md has the numbers): where each limb points as a whole, which hardly differs
 between bodies at rest and differs much in motion; and the mean turn of the whole surface, held
-against a bar that rises with the misfit, because a poor fit turns shape into pose. Turns of trunk,
-neck and tail count as pose only where the bodies are alike.
+against a bar that rises with the misfit, because a poor fit turns shape into pose. Where limbs
+alone tell of a pose, turns of trunk, neck and tail are believed only of bodies that are alike.
 """
 
 from dataclasses import dataclass
@@ -68,7 +68,7 @@ def repose(
     posed, share = believe_turns(body, turns, joints @ heading, misfit=misfit)
     if at_rest:
         posed, share = 0.0, np.zeros_like(share)
-    turns = follow_turns(turns, share, carriers)
+    turns = scale_turns(turns, share)
     undo = local_turns(np.swapaxes(turns, 1, 2), carriers)
     root = joints[root_first(carriers)[0]]
     ahead = (joints - root) @ heading  # all of it, other roots included, to the source's front
@@ -97,7 +97,8 @@ def believe_turns(
 ) -> tuple[float, Float[np.ndarray, " joints"]]:
     """Decide how much of each joint's turn is pose: all of a posed figure's, or whole limbs'.
 
-    A figure is posed if its surface turned as a whole, or if half of its limbs and more swung.
+    A figure is posed if its surface turned as a whole, or if more than half of its limbs swung: two
+    arms in a T, where the source's hang, do not make a pose.
 
     Args:
         turns: world rotation of each joint from rest to as found, heading left out.
@@ -152,7 +153,7 @@ def off_symmetry(
         mirrored = joints.copy()
         mirrored[:, axis] = 2 * middle[axis] - joints[:, axis]
         error = np.linalg.norm(mirrored[:, None] - joints, axis=2).min(axis=1).mean()
-        doubts.append(error / (joints[:, axis].std() + 0.05 * extent))
+        doubts.append((error + 2e-3 * extent) / (joints[:, axis].std() + 1e-6 * extent))
     axis = (0, 2)[int(np.argmin(doubts))]
     return np.asarray(np.abs(joints[:, axis] - middle[axis]) > 0.02 * extent)
 
@@ -185,8 +186,8 @@ def limb_swings(
         reach *= below[limb] & (mass > 4e-3)
         end = int(reach.argmax()) if reach.any() else limb
         rest, found = body.joints[end] - body.joints[limb], goal[end] - goal[limb]
-        if below[limb].sum() == 1:  # a limb of one joint ends where its surface does
-            own = body.areas * body.weights[:, limb]
+        if end == limb:  # a limb of one bone ends where its surface does
+            own = body.areas * body.weights[:, below[limb]].sum(axis=1)
             rest = own @ body.proxy.mesh.vertices / own.sum() - body.joints[limb]
             found = turns[limb] @ rest
         if rest.any() and found.any():
@@ -194,19 +195,12 @@ def limb_swings(
     return swings
 
 
-def follow_turns(
-    turns: Float[np.ndarray, "joints 3 3"],
-    share: Float[np.ndarray, " joints"],
-    parents: Int[np.ndarray, " joints"],
+def scale_turns(
+    turns: Float[np.ndarray, "joints 3 3"], share: Float[np.ndarray, " joints"]
 ) -> Float[np.ndarray, "joints 3 3"]:
-    """Let each joint follow its parent's turn, or, by its share, take its own (all in the world).
+    """Take a share of each turn, about its own axis.
 
-    A believed arm points where it was found, however little of the trunk's turn is believed.
+    In the world: a believed arm points where it was found, however little of the trunk's turn is
+    believed, and half a turn of a straight leg leaves it straight.
     """
-    followed = turns.copy()
-    for joint in root_first(parents):
-        parent = parents[joint]
-        above = np.eye(3) if parent == NO_PARENT else followed[parent]
-        own = matrices_to_vectors(above.T @ turns[joint])
-        followed[joint] = above @ vectors_to_matrices(share[joint] * own)
-    return followed
+    return vectors_to_matrices(matrices_to_vectors(turns) * share[:, None])

@@ -121,10 +121,8 @@ def test_rows_survive_the_state_file(family, naive, tmp_path):
 def test_the_table_has_a_line_for_each_family_and_the_whole(family, naive):
     rows = [retarget.measure(task) for task in retarget.find_tasks(family, clip_count=1)]
     table = retarget.tabulate(rows)
-    alike = [f"of these, clips alike: {kind}" for kind in ("rest", "frozen")]
-    names = ["sticks rest", "sticks frozen", "all rest", alike[0], "all frozen", alike[1], "all"]
-    listed = list(table.columns[0].cells)
-    assert [name for name in names if name not in alike or name in listed] == listed
+    names = ["sticks rest", "sticks frozen", "all rest", "all frozen", "all"]
+    assert list(table.columns[0].cells) == names
 
 
 def test_clips_are_alike_where_the_own_rig_does_much_better_than_the_baseline():
@@ -136,5 +134,6 @@ def test_clips_are_alike_where_the_own_rig_does_much_better_than_the_baseline():
         return retarget.Row("family", "a", "b", "rest", ("walk",), scores)
 
     assert retarget.clips_are_alike(row(2.0)) and not retarget.clips_are_alike(row(2.1))
-    names = list(retarget.tabulate([row(2.0), row(2.1)]).columns[1].cells)
-    assert names == ["2", "2", "1", "2"]
+    columns = retarget.tabulate([row(2.0), row(2.1)]).columns
+    assert "of these, clips alike: rest" in list(columns[0].cells)
+    assert list(columns[1].cells) == ["2", "2", "1", "2"]

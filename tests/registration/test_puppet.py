@@ -154,7 +154,7 @@ def test_a_hand_that_is_small_with_its_fingers_merges_into_the_arm():
     np.testing.assert_array_equal(merge_small_joints(mass, WHOLE_HAND, 1.0), [1, 1, 2, 2, 2, 2, 2])
 
 
-def test_a_small_root_goes_to_its_heaviest_child_and_a_lone_one_to_the_heaviest_joint():
+def test_a_small_root_goes_to_its_heavier_child_and_a_lone_one_to_the_heaviest_joint():
     parents, mass = np.array([-1, -1, 1, 1]), np.array([0.0, 0.0, 2.0, 3.0])
     np.testing.assert_array_equal(merge_small_joints(mass, parents, 1.0), [3, 3, 2, 3])
 
@@ -163,6 +163,11 @@ def test_a_small_root_goes_where_most_of_the_body_hangs():
     """A heavy foot that an IK rig hangs off the floor is no match for the whole body."""
     parents, mass = np.array([-1, 0, 0, 2, 3]), np.array([0.0, 4.0, 1.5, 3.0, 3.0])
     np.testing.assert_array_equal(merge_small_joints(mass, parents, 1.0), [2, 1, 2, 3, 4])
+
+
+def test_a_small_root_sees_the_body_below_a_pelvis_without_surface():
+    parents, mass = np.array([-1, 0, 0, 2, 3]), np.array([0.0, 0.1, 0.0, 0.6, 0.3])
+    np.testing.assert_array_equal(merge_small_joints(mass, parents, 0.004), [3, 1, 3, 3, 4])
 
 
 def test_merging_leaves_joints_that_carry_enough_alone(creature, rng):

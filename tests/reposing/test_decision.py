@@ -6,12 +6,12 @@ from scipy.spatial.transform import Rotation
 
 from bunraku.reposing.decision import (
     believe_turns,
-    follow_turns,
     limb_swings,
     limbs,
     nearby_quarter,
     off_symmetry,
     repose,
+    scale_turns,
     smooth_step,
 )
 from bunraku.reposing.energy import place_joints
@@ -28,6 +28,7 @@ LARGE = {
     "rightLeg": (30.0, 0.0, 0.0),
 }
 ONE_ARM = {"leftArm": (0.0, 0.0, 60.0)}
+LIMBS = ("leftArm", "rightArm", "leftLeg", "rightLeg")
 
 
 def turn(axis: str, degrees: float) -> np.ndarray:
@@ -57,40 +58,127 @@ def test_a_smooth_step_rises_from_nought_to_one():
     np.testing.assert_allclose(values, [0, 0, 0.15625, 0.5, 0.84375, 1, 1])
 
 
-def test_a_turn_believed_whole_is_taken_as_it_lies_in_the_world():
+def test_half_a_turn_keeps_what_turned_as_one_in_one_piece():
+    """A lean of the whole figure, half believed, is half a lean and no bent spine."""
+    share = np.full(7, 0.5)
+    halved = scale_turns(np.tile(turn("x", 30), (7, 1, 1)), share)
+    np.testing.assert_allclose(halved, np.tile(turn("x", 15), (7, 1, 1)), atol=1e-9)
     found = world_turns(LARGE)
-    share = np.array([float(name == "leftArm") for name in NAMES])
-    followed = follow_turns(found, share, PARENTS)
-    arm = NAMES.index("leftArm")
-    np.testing.assert_allclose(followed[arm], found[arm], atol=1e-9)
-    others = np.delete(followed, arm, axis=0)
-    np.testing.assert_allclose(others, np.tile(np.eye(3), (6, 1, 1)), atol=1e-9)
-    np.testing.assert_allclose(follow_turns(found, np.ones(7), PARENTS), found, atol=1e-9)
+    np.testing.assert_allclose(scale_turns(found, np.ones(7)), found, atol=1e-9)
+    np.testing.assert_allclose(scale_turns(found, np.zeros(7)), scale_turns(halved, share * 0))
 
 
-def test_half_a_turn_goes_half_the_way_from_where_the_parent_points():
-    found = world_turns({"chest": (0.0, 40.0, 0.0)})
-    followed = follow_turns(found, np.full(7, 0.5), PARENTS)
-    np.testing.assert_allclose(followed[NAMES.index("chest")], turn("y", 20), atol=1e-9)
-
-
-def test_a_limb_swings_as_far_as_its_end_does(body):
-    arm, hand = NAMES.index("leftArm"), NAMES.index("leftLeg")  # a joint far from the arm's
-    carriers = PARENTS.copy()
-    carriers[hand] = arm
-    placed = JOINTS.copy()
-    placed[hand] = JOINTS[arm] + turn("z", 30) @ (JOINTS[hand] - JOINTS[arm])
-    still = np.tile(np.eye(3), (7, 1, 1))
-    swings = limb_swings(replace(body, carriers=carriers), still, placed)
-    assert set(swings) == {NAMES.index(limb) for limb in ("leftArm", "rightArm", "rightLeg")}
-    assert np.isclose(np.rad2deg(swings.pop(arm)), 30) and not any(swings.values())
-
-
-def test_a_limb_of_one_joint_swings_with_its_surface(body):
-    swings = limb_swings(body, world_turns({"leftArm": (0.0, 40.0, 0.0)}), JOINTS)
-    arm = NAMES.index("leftArm")
-    assert 20 < np.rad2deg(swings.pop(arm)) <= 40  # what lies along the axis does not swing
+def test_a_limb_of_one_bone_swings_with_its_surface(body):
+    swings = limb_swings(body, world_turns({"leftArm": (0.0, 0.0, 60.0)}), JOINTS)
+    arm = np.rad2deg(swings.pop(NAMES.index("leftArm")))
+    assert 50 < arm <= 60
     np.testing.assert_allclose(list(swings.values()), 0, atol=1e-6)
+
+
+def test_tips_without_surface_do_not_hide_a_limb(body):
+    """Exporters end every chain with a joint that moves nothing."""
+    arm = NAMES.index("leftArm")
+    tipped = replace(
+        body,
+        joints=np.vstack([body.joints, body.joints[arm] + [0.3, 0.0, 0.0]]),
+        parents=np.append(PARENTS, arm),
+        carriers=np.append(PARENTS, arm),
+        weights=np.insert(body.weights, 7, 0.0, axis=1),
+        moments=np.empty((0, 8, 3, 3)),
+    )
+    turns = np.concatenate([world_turns(ONE_ARM), turn("z", 60)[None]])
+    swings = limb_swings(tipped, turns, tipped.joints)
+    assert swings[arm] == pytest.approx(limb_swings(body, world_turns(ONE_ARM), JOINTS)[arm])
+
+
+@pytest.fixture(scope="module")
+def jointed(body):
+    """The creature with its limbs in two bones, the second one as heavy as the first."""
+    limb = np.array([NAMES.index(name) for name in LIMBS])
+    ends = JOINTS[limb] + [[0.35, 0.1, 0.0], [-0.35, 0.1, 0.0], [0.0, -0.7, 0.0], [0.0, -0.7, 0.0]]
+    weights = np.hstack([body.weights, body.weights[:, limb] / 2])
+    weights[:, limb] /= 2
+    parents = np.concatenate([PARENTS, limb])
+    return replace(
+        body,
+        joints=np.vstack([body.joints, ends]),
+        parents=parents,
+        carriers=parents,
+        weights=weights,
+        moments=np.empty((0, 11, 3, 3)),
+    )
+
+
+def swung(jointed, degrees: dict[str, float], *, foot: float = 1.0):
+    """Swing arms about Z, legs about X; their second bone may be longer or shorter."""
+    joints = jointed.joints.copy()
+    turns = np.tile(np.eye(3), (11, 1, 1))
+    for index, limb in enumerate(LIMBS):
+        first = NAMES.index(limb)
+        around = turn("z" if "Arm" in limb else "x", degrees.get(limb, 0.0))
+        turns[[first, 7 + index]] = around
+        joints[7 + index] = joints[first] + foot * around @ (joints[7 + index] - joints[first])
+    return turns, joints
+
+
+def test_a_limb_swings_as_far_as_its_end_does(jointed):
+    swings = limb_swings(jointed, *swung(jointed, {"leftLeg": 30.0}, foot=1.7))
+    leg = np.rad2deg(swings.pop(NAMES.index("leftLeg")))
+    assert leg == pytest.approx(30.0)
+    assert len(swings) == 3
+    np.testing.assert_allclose(list(swings.values()), 0, atol=1e-6)
+
+
+def test_a_long_foot_on_a_short_leg_is_no_swing(jointed):
+    """The direction to the end is the one it had with the source's bone lengths."""
+    parents = np.append(jointed.parents, 9)  # a foot forward, below the left leg's second bone
+    foot = jointed.joints[9] + [0.0, 0.0, 0.2]
+    weights = np.hstack([jointed.weights, jointed.weights[:, 9:10] / 2])
+    weights[:, 9] /= 2
+    joints = np.vstack([jointed.joints, foot])
+    footed = replace(
+        jointed,
+        joints=joints,
+        parents=parents,
+        carriers=parents,
+        weights=weights,
+        moments=np.empty((0, 12, 3, 3)),
+    )
+    chibi = joints.copy()
+    chibi[9] = chibi[5] + (chibi[9] - chibi[5]) / 3
+    chibi[11] = chibi[9] + [0.0, 0.0, 0.4]
+    assert NAMES[5] == "leftLeg"
+    swings = limb_swings(footed, np.tile(np.eye(3), (12, 1, 1)), chibi)
+    assert swings[5] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_figure_is_posed_if_more_than_half_of_its_limbs_swung(jointed):
+    """The mean turn stays under its bar: the limbs alone tell."""
+    three = {"leftLeg": 25.0, "rightLeg": -25.0, "leftArm": 30.0}
+    posed, share = believe_turns(jointed, *swung(jointed, three), misfit=0.155)
+    assert posed == 1.0 and share[0] == 1.0
+    two = {"leftArm": 50.0, "rightArm": 50.0}
+    posed, share = believe_turns(jointed, *swung(jointed, two), misfit=0.155)
+    assert posed == 0.0 and share[0] == 0.0
+    assert share[NAMES.index("leftArm")] == 1.0
+
+
+def test_the_trunk_of_an_unlike_body_keeps_its_shape(jointed):
+    three = {"leftLeg": 25.0, "rightLeg": -25.0, "leftArm": 30.0}
+    posed, share = believe_turns(jointed, *swung(jointed, three), misfit=0.25)
+    trunk = [NAMES.index(name) for name in ("hips", "chest", "head")]
+    assert posed == 1.0 and not share[trunk].any()
+    assert share[NAMES.index("leftLeg")] > 0.8
+
+
+def test_small_parts_off_the_middle_are_no_limbs(body):
+    light = body.weights.copy()
+    arm, chest = NAMES.index("leftArm"), NAMES.index("chest")
+    light[:, chest] += 0.9 * light[:, arm]
+    light[:, arm] *= 0.1
+    turns = world_turns(ONE_ARM)
+    assert NAMES.index("leftArm") in limb_swings(body, turns, JOINTS)
+    assert NAMES.index("leftArm") not in limb_swings(replace(body, weights=light), turns, JOINTS)
 
 
 def test_arms_and_legs_lie_off_the_plane_of_symmetry(body):
@@ -112,6 +200,13 @@ def test_a_long_body_is_not_taken_for_a_wide_one():
     joints = np.vstack([joints, [[0, 1.0, 1.3], [0, 1.0, -1.0], [0, 1.0, 0.0]]])
     off = off_symmetry(joints, joints)
     np.testing.assert_array_equal(off, joints[:, 0] != 0)
+
+
+def test_a_flat_rig_has_limbs_though_its_sides_differ_a_little(body):
+    joints = JOINTS * [1.0, 1.0, 0.0]
+    joints[NAMES.index("leftArm"), 0] += 1e-3
+    off = off_symmetry(joints, body.proxy.mesh.vertices)
+    np.testing.assert_array_equal(off, [name in LIMBS for name in NAMES])
 
 
 def test_a_figure_at_rest_is_not_posed(body):
@@ -151,6 +246,17 @@ def test_reposing_undoes_heading_and_pose(body):
     back = found.places - found.places[0] + JOINTS[0]
     assert np.linalg.norm(back - JOINTS, axis=1).max() < 0.02
     np.testing.assert_array_equal(found.found, joints)
+
+
+def test_limbs_are_told_in_the_figures_own_front(jointed):
+    heading = turn("y", 90)
+    three = {"leftLeg": 25.0, "rightLeg": -25.0, "leftArm": 30.0}
+    turns, joints = swung(jointed, three)
+    found = repose(joints @ heading.T, jointed, heading @ turns, np.ones(11), misfit=0.155)
+    assert found.posed == 1.0
+    still = np.tile(np.eye(3), (11, 1, 1))
+    rest = repose(jointed.joints @ heading.T, jointed, heading @ still, np.ones(11), misfit=0.155)
+    assert rest.posed == 0.0
 
 
 def test_reposing_a_figure_at_rest_changes_nothing(body):
