@@ -84,30 +84,36 @@ def plan_retarget(
     height = float(rest[hips, 1, 3]) - ground
     scale = height / own if min(own, height) > 1e-6 else 1.0
     home = reposed.heading @ (scale * body.joints[hips])
-    shift = way_home(found, rested, rest[hips, :3, 3], home, posed=reposed.posed > 0.5)
+    aside = home - rest[hips, :3, 3] if reposed.trunk > 0.5 else np.zeros(3)
+    shift = way_home(found, rested, aside, posed=reposed.posed > 0.5)
     return replace(plan, places=reposed.places + shift, scale=scale)
 
 
 def way_home(
     found: Float[np.ndarray, "vertices 3"],
     rested: Float[np.ndarray, "vertices 3"],
-    hips: Float[np.ndarray, "3"],
-    home: Float[np.ndarray, "3"],
+    aside: Float[np.ndarray, "3"],
     *,
     posed: bool,
 ) -> Float[np.ndarray, "3"]:
     """Say how to move a reposed figure so that it stands where clips expect it.
 
     A figure found at rest stays on its own ground. One caught in motion, near the origin of its
-    file, perhaps in the air, goes to the floor y = 0 and over the origin, as the source stands at
-    rest.
+    file, perhaps in the air, goes to the floor y = 0 and, if it is like the source, over the
+    origin, as the source stands at rest.
+
+    Args:
+        found: the figure's vertices as found.
+        rested: the same in the source's rest pose.
+        aside: way along the ground to where the source stands; zero if that is not known.
+        posed: the figure was caught in motion.
     """
     floor, height = float(found[:, 1].min()), float(np.ptp(rested[:, 1]))
     shift = np.zeros(3)
     if posed and -0.3 * height < floor < 0.8 * height:
         floor = 0.0
-        aside = (home - hips) * [1.0, 0.0, 1.0]
-        shift += aside if np.linalg.norm(aside) < 0.35 * height else 0.0
+        level = aside * [1.0, 0.0, 1.0]
+        shift += level if np.linalg.norm(level) < 0.35 * height else 0.0
     shift[1] = floor - float(rested[:, 1].min())
     return shift
 

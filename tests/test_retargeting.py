@@ -242,24 +242,24 @@ def standing_at(height: float) -> np.ndarray:
 
 
 def test_a_figure_found_at_rest_stays_on_its_own_ground():
-    shift = way_home(standing_at(5.0), standing_at(4.9), HIPS, HOME, posed=False)
+    shift = way_home(standing_at(5.0), standing_at(4.9), HOME - HIPS, posed=False)
     np.testing.assert_allclose(shift, [0, 0.1, 0])
 
 
 def test_a_figure_caught_in_motion_near_the_origin_goes_home():
-    shift = way_home(standing_at(0.2), standing_at(0.1), HIPS, HOME, posed=True)
+    shift = way_home(standing_at(0.2), standing_at(0.1), HOME - HIPS, posed=True)
     np.testing.assert_allclose(shift, [-0.3, -0.1, -0.4], atol=1e-12)
 
 
 def test_a_figure_caught_in_the_air_lands():
     high, above = standing_at(1.5), standing_at(1.7)  # of a height of 2
-    assert way_home(high, high, HIPS, HOME, posed=True)[1] == pytest.approx(-1.5)
-    assert way_home(above, above, HIPS, HOME, posed=True)[1] == 0.0
+    assert way_home(high, high, HOME - HIPS, posed=True)[1] == pytest.approx(-1.5)
+    assert way_home(above, above, HOME - HIPS, posed=True)[1] == 0.0
 
 
 def test_a_figure_caught_in_motion_far_away_stays_there():
     far = standing_at(7.0)
-    shift = way_home(far, far, HIPS * [10.0, 7.0, 1.0], HOME, posed=True)
+    shift = way_home(far, far, HOME - HIPS * [10.0, 7.0, 1.0], posed=True)
     np.testing.assert_allclose(shift, 0, atol=1e-12)
 
 
@@ -290,8 +290,11 @@ def test_a_figure_caught_in_a_crouch_is_stood_on_the_floor(body, creature):
     aside = JOINTS @ LEFT.T + [0.1, -0.2, 0.2]
     ahead = (aside - aside[0]) @ LEFT + aside[0]
     vertices = creature.mesh.vertices @ LEFT.T + [0.1, -0.2, 0.2]
-    found = plan_for(body, creature, vertices, found=aside, places=ahead, heading=LEFT, posed=1.0)
-    rest = heading_frames(found)
+    caught = {"found": aside, "places": ahead, "heading": LEFT, "posed": 1.0}
+    rest = heading_frames(plan_for(body, creature, vertices, **caught, trunk=1.0))
     lift = rest[0, :3, 3] - aside[0]
     assert abs((vertices + lift)[:, 1].min()) < 1e-9
     np.testing.assert_allclose(rest[0, [0, 2], 3], 0, atol=1e-9)
+    unlike = heading_frames(plan_for(body, creature, vertices, **caught, trunk=0.0))
+    np.testing.assert_allclose(unlike[0, [0, 2], 3], aside[0, [0, 2]], atol=1e-9)
+    assert unlike[0, 1, 3] == pytest.approx(rest[0, 1, 3])

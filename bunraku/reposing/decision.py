@@ -37,6 +37,7 @@ class Reposed:
     heading: Float[np.ndarray, "3 3"]  # turn about the vertical from the source's front
     places: Float[np.ndarray, "joints 3"]  # joints at rest, facing the source's front
     posed: float  # 0: found at rest; 1: found in another pose
+    trunk: float = 0.0  # share of the trunk's turn that was taken for pose
 
 
 def repose(
@@ -73,7 +74,8 @@ def repose(
     root = joints[root_first(carriers)[0]]
     ahead = (joints - root) @ heading  # all of it, other roots included, to the source's front
     places, _ = place_joints(ahead, carriers, undo, root)
-    return Reposed(joints, turns, heading, places, posed)
+    trunk = float(share[body.puppet.joints[0]])
+    return Reposed(joints, turns, heading, places, posed, trunk)
 
 
 def nearby_quarter(heading: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
@@ -97,8 +99,8 @@ def believe_turns(
 ) -> tuple[float, Float[np.ndarray, " joints"]]:
     """Decide how much of each joint's turn is pose: all of a posed figure's, or whole limbs'.
 
-    A figure is posed if its surface turned as a whole, or if more than half of its limbs swung: two
-    arms in a T, where the source's hang, do not make a pose.
+    A figure is posed if its surface turned as a whole, or if the limbs it stands on swung: arms in
+    a T, where the source's hang, do not make a pose.
 
     Args:
         turns: world rotation of each joint from rest to as found, heading left out.
@@ -114,8 +116,9 @@ def believe_turns(
     bar = np.deg2rad(11.0 + 24.0 * np.clip((misfit - 0.12) / 0.03, 0.0, 1.0))
     turned = smooth_step(mean, 0.85 * bar, 1.15 * bar)
     swings = limb_swings(body, turns, joints)
-    middle = sorted(swings.values())[(len(swings) - 1) // 2] if swings else 0.0
-    swung = smooth_step(middle, np.deg2rad(14.0), np.deg2rad(20.0))
+    legs = [swing for limb, swing in swings.items() if is_stood_on(body, limb)]
+    mean_swing = float(np.mean(legs or [*swings.values()] or [0.0]))
+    swung = smooth_step(mean_swing, np.deg2rad(14.0), np.deg2rad(20.0))
     alike = 1.0 - smooth_step(misfit, 0.16, 0.19)
     share = np.full(len(turns), max(turned, swung * alike))
     below = descendants(body.carriers)
@@ -193,6 +196,18 @@ def limb_swings(
         if rest.any() and found.any():
             swings[limb] = float(rotation_angles(rotation_between(rest, found)[None])[0])
     return swings
+
+
+def is_stood_on(body: Body, limb: int, *, near: float = 0.06) -> bool:
+    """Tell whether a limb of the source at rest reaches the ground.
+
+    Args:
+        limb: its first joint.
+        near: how close, in heights of the source.
+    """
+    height = body.proxy.mesh.vertices[:, 1]
+    own = body.weights[:, descendants(body.carriers)[limb]].sum(axis=1) > 0.5
+    return bool(own.any() and height[own].min() - height.min() < near * np.ptp(height))
 
 
 def scale_turns(

@@ -6,6 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from bunraku.reposing.decision import (
     believe_turns,
+    is_stood_on,
     limb_swings,
     limbs,
     nearby_quarter,
@@ -152,23 +153,28 @@ def test_a_long_foot_on_a_short_leg_is_no_swing(jointed):
     assert swings[5] == pytest.approx(0.0, abs=1e-6)
 
 
-def test_a_figure_is_posed_if_more_than_half_of_its_limbs_swung(jointed):
-    """The mean turn stays under its bar: the limbs alone tell."""
-    three = {"leftLeg": 25.0, "rightLeg": -25.0, "leftArm": 30.0}
-    posed, share = believe_turns(jointed, *swung(jointed, three), misfit=0.155)
+def test_a_figure_is_posed_if_its_legs_swung(jointed):
+    """The mean turn stays under its bar: the legs alone tell."""
+    legs = {"leftLeg": 30.0, "rightLeg": -30.0}
+    posed, share = believe_turns(jointed, *swung(jointed, legs), misfit=0.155)
     assert posed == 1.0 and share[0] == 1.0
-    two = {"leftArm": 50.0, "rightArm": 50.0}
-    posed, share = believe_turns(jointed, *swung(jointed, two), misfit=0.155)
+    arms = {"leftArm": 50.0, "rightArm": 50.0}
+    posed, share = believe_turns(jointed, *swung(jointed, arms), misfit=0.155)
     assert posed == 0.0 and share[0] == 0.0
     assert share[NAMES.index("leftArm")] == 1.0
 
 
 def test_the_trunk_of_an_unlike_body_keeps_its_shape(jointed):
-    three = {"leftLeg": 25.0, "rightLeg": -25.0, "leftArm": 30.0}
-    posed, share = believe_turns(jointed, *swung(jointed, three), misfit=0.25)
+    legs = {"leftLeg": 30.0, "rightLeg": -30.0}
+    posed, share = believe_turns(jointed, *swung(jointed, legs), misfit=0.25)
     trunk = [NAMES.index(name) for name in ("hips", "chest", "head")]
     assert posed == 1.0 and not share[trunk].any()
-    assert share[NAMES.index("leftLeg")] > 0.8
+    assert share[NAMES.index("leftLeg")] == 1.0
+
+
+def test_a_figure_stands_on_its_legs(body):
+    stood_on = [is_stood_on(body, NAMES.index(limb)) for limb in LIMBS]
+    assert stood_on == [False, False, True, True]
 
 
 def test_small_parts_off_the_middle_are_no_limbs(body):
@@ -250,8 +256,8 @@ def test_reposing_undoes_heading_and_pose(body):
 
 def test_limbs_are_told_in_the_figures_own_front(jointed):
     heading = turn("y", 90)
-    three = {"leftLeg": 25.0, "rightLeg": -25.0, "leftArm": 30.0}
-    turns, joints = swung(jointed, three)
+    legs = {"leftLeg": 30.0, "rightLeg": -30.0}
+    turns, joints = swung(jointed, legs)
     found = repose(joints @ heading.T, jointed, heading @ turns, np.ones(11), misfit=0.155)
     assert found.posed == 1.0
     still = np.tile(np.eye(3), (11, 1, 1))
