@@ -6,7 +6,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -135,12 +134,19 @@ def test_an_output_that_cannot_be_written_is_refused_first(folder, out, words, m
 def test_an_interrupt_leaves_nothing(folder):
     """Even if whoever started us does not listen, as shells do for jobs in the background."""
     before = sorted(folder.rglob("*"))
-    command = [str(PROGRAM), "animate", "person.obj", "-o", "late.glb"]
+    work = "lambda *a, **k: (print('at work', flush=True), time.sleep(60))"
+    program = f"import time; from bunraku.cli import main, steps; steps.animate_from_rig = {work}"
+    command = [sys.executable, "-c", f"{program}; main()", "animate", "person.obj"]
     listening = {"preexec_fn": lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)}
     with subprocess.Popen(
-        command, cwd=folder, stderr=subprocess.PIPE, text=True, **listening
+        [*command, "-o", "late.glb"],
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        **listening,
     ) as done:
-        time.sleep(3)
+        assert done.stdout.readline() == "at work\n"
         done.send_signal(signal.SIGINT)
         errors = done.communicate(timeout=60)[1]
     assert done.returncode == 130
