@@ -257,12 +257,14 @@ def test_reposing_undoes_heading_and_pose(body):
 def test_limbs_are_told_in_the_figures_own_front(jointed):
     heading = turn("y", 90)
     legs = {"leftLeg": 30.0, "rightLeg": -30.0}
-    turns, joints = swung(jointed, legs)
-    found = repose(joints @ heading.T, jointed, heading @ turns, np.ones(11), misfit=0.155)
-    assert found.posed == 1.0
-    still = np.tile(np.eye(3), (11, 1, 1))
-    rest = repose(jointed.joints @ heading.T, jointed, heading @ still, np.ones(11), misfit=0.155)
-    assert rest.posed == 0.0
+    arm = {"leftArm": 10.0}  # of shape; in the world's front it would seem to have swung by 90
+    turns, joints = swung(jointed, legs | arm)
+    found = repose(joints @ heading.T, jointed, heading @ turns, np.ones(11), misfit=0.3)
+    assert found.posed == 1.0 and found.trunk == 0.0
+    assert degrees(found.turns[[NAMES.index("leftArm")]]) < 1e-6
+    assert degrees(found.turns[[NAMES.index("leftLeg")]]) > 25
+    alike = repose(joints @ heading.T, jointed, heading @ turns, np.ones(11), misfit=0.155)
+    assert alike.posed == 1.0 and alike.trunk == 1.0
 
 
 def test_reposing_a_figure_at_rest_changes_nothing(body):
