@@ -165,17 +165,23 @@ def _follow(
 
 
 def heading_of(task: Task) -> Float[np.ndarray, "3 3"]:
-    """Give the quarter turn from the human's front to the figure's, by their left and right."""
-    own = {name: i for i, name in enumerate(task.source.skeleton.names)}
-    both = own.keys() & task.joints.keys()
-    left = sorted(n for n in both if n.startswith("left") and "right" + n[4:] in both)
-    pairs = np.array([[2 * i, 2 * i + 1] for i in range(len(left))])
-    sides = [side for name in left for side in (name, "right" + name[4:])]
-    human = forward_of(bind_joints(task.source)[[own[n] for n in sides]], pairs)
-    figure = forward_of(bind_joints(task.member.character)[[task.joints[n] for n in sides]], pairs)
+    """Give the quarter turn about the vertical from the human's front to the figure's."""
+    numbers = {name: i for i, name in enumerate(task.source.skeleton.names)}
+    human, figure = front_of(task.source, numbers), front_of(task.member.character, task.joints)
     yaw = np.arctan2(figure[0], figure[2]) - np.arctan2(human[0], human[2])
     quarter = np.round(yaw / (np.pi / 2)) * (np.pi / 2)
     return vectors_to_matrices(np.array([0.0, quarter, 0.0]))
+
+
+def front_of(character: Character, joints: Mapping[str, int]) -> Float[np.ndarray, "3"]:
+    """Tell where a human in its bind pose looks.
+
+    Args:
+        joints: number of each joint by VRM bone.
+    """
+    sides = [(name, "right" + name[4:]) for name in joints if name.startswith("left")]
+    pairs = np.array([[joints[a], joints[b]] for a, b in sides if b in joints])
+    return forward_of(bind_joints(character), pairs)
 
 
 def carry_joints(character: Character, moved: Frames) -> Float[np.ndarray, "frames joints 3"]:
@@ -213,7 +219,7 @@ def _compare_joints(task: Task, found: Character, row: Row) -> Row:
         turned_back=metrics.is_turned_back(
             joints[bones[:, 1]] - joints[bones[:, 0]],
             truth[bones[:, 1]] - truth[bones[:, 0]],
-            forward_of(truth, pairs),
+            front_of(task.member.character, task.joints),
         ),
         joints=metrics.joint_error(
             joints, truth, metrics.figure_height(task.member.character.mesh.vertices)

@@ -204,7 +204,7 @@ def cheer() -> Posture:
         times,
         [(0.58, 0.0), (0.80, 1.0), (1.02, 0.0), (1.24, 1.0), (1.46, 0.0), (1.70, 0.5), (1.9, 0.0)],
     )
-    tiptoe = 0.10 * np.sin(np.radians(heel))
+    height = STANDING - 0.10 * crouch + 0.10 * np.sin(np.radians(heel))
 
     def arm(side: float) -> Arm:
         return Arm(
@@ -219,9 +219,7 @@ def cheer() -> Posture:
 
     return settle(
         Posture(
-            hips=columns(
-                0.0, STANDING - 0.10 * crouch + tiptoe, BALANCE + 0.02 * up - 0.02 * crouch
-            ),
+            hips=columns(0.0, height, BALANCE + 0.02 * up - 0.02 * crouch),
             pelvis=columns(0.0, 1.0 + 14.0 * crouch - 3.0 * up, 0.0),
             chest=columns(0.0, 1.0 + 18.0 * crouch - 8.0 * up + 3.0 * pump, 0.0),
             head=columns(0.0, 2.0 + 4.0 * crouch - 14.0 * up + 4.0 * pump, 0.0),
