@@ -5,11 +5,13 @@ figure's joint frames at rest are the source's, so a copied world frame carries 
 Translations that a clip moves (the root, squash and stretch, IK feet) are scaled to the figure.
 """
 
+import logging
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from bunraku.contacts import Leg, Performed, find_legs, plant_feet
 from bunraku.graphs import root_first
 from bunraku.meshes import referenced
 from bunraku.registration.body import Body
@@ -28,6 +30,8 @@ from bunraku.skinning import (
 )
 from bunraku.types import NO_PARENT, Clip, Mesh, Skeleton
 
+logger = logging.getLogger(__name__)
+LEAST_TRAVEL = 0.25  # of the ratio of heights: legs shorter than that are a joint gone astray
 LEAST_SCALE = 1e-3  # what a clip scales to nothing, to hide it, stays just larger than nothing
 
 
@@ -40,6 +44,8 @@ class Retarget:
     carriers: Int[np.ndarray, " joints"]  # whose motion carries each joint's place
     scale: float  # figure to source, of the way the root travels
     heading: Float[np.ndarray, "3 3"]  # turn about the vertical from the source's front
+    legs: tuple[Leg, ...] = ()  # whose contacts with the ground are kept
+    height: float = 1.0  # of the source at rest, in metres
 
 
 def turned_frames(
@@ -73,20 +79,49 @@ def plan_retarget(
         weights: its skin.
         source: the source's skeleton.
     """
-    plan = Retarget(source, reposed.places, body.carriers, 1.0, reposed.heading)
+    legs = find_legs(body.proxy.mesh.vertices, body.weights, body.joints, body.carriers)
+    tall = float(np.ptp(body.proxy.mesh.vertices[:, 1]))
+    plan = Retarget(source, reposed.places, body.carriers, 1.0, reposed.heading, legs, tall)
     bind = turned_frames(source, reposed.found, reposed.heading @ reposed.turns)
     rest = heading_frames(plan)
     seen = referenced(figure.faces, len(weights)) if len(figure.faces) else slice(None)
     found = figure.vertices[seen]
     rested = linear_blend_skinning(found, weights[seen], rest @ invert_rigid(bind))
-    hips, ground = body.puppet.joints[0], float(rested[:, 1].min())
-    own = float(body.joints[hips, 1] - body.proxy.mesh.vertices[:, 1].min())
-    height = float(rest[hips, 1, 3]) - ground
-    scale = height / own if min(own, height) > 1e-6 else 1.0
+    hips = body.puppet.joints[0]
+    scale = travel_scale(
+        (float(body.joints[hips, 1]), float(rest[hips, 1, 3])),
+        (body.proxy.mesh.vertices[:, 1], rested[:, 1]),
+    )
     home = reposed.heading @ (scale * body.joints[hips])
     aside = home - rest[hips, :3, 3] if reposed.trunk > 0.5 else np.zeros(3)
     shift = way_home(found, rested, aside, posed=reposed.posed > 0.5)
     return replace(plan, places=reposed.places + shift, scale=scale)
+
+
+def travel_scale(
+    hips: tuple[float, float],
+    heights: tuple[Float[np.ndarray, " source_vertices"], Float[np.ndarray, " figure_vertices"]],
+) -> float:
+    """Compare the heights of two hips over their ground, within reason for bodies of these heights.
+
+    Hips lie inside a body: a figure's are at most as high as the figure, and legs of the source's
+    kind are at least a quarter as long as its height lets expect. A joint gone astray must not
+    make a figure fly.
+
+    Args:
+        hips: height of the hips of source and figure at rest, in metres.
+        heights: of the vertices of source and figure at rest.
+    """
+    low, high = np.array([(y.min(), y.max()) for y in heights]).T
+    tall, above = high - low, np.array(hips) - low
+    if min(tall[0], tall[1], above[0]) <= 1e-6:
+        return 1.0
+    expected = tall[1] / tall[0]
+    most = max(expected, float(tall[1] / above[0]))
+    scale = float(np.clip(above[1] / above[0], LEAST_TRAVEL * expected, most))
+    if scale != above[1] / above[0]:
+        logger.warning("the figure's hips were found outside its body; its travel is a guess")
+    return scale
 
 
 def way_home(
@@ -152,7 +187,9 @@ def retarget_clip(clip: Clip, retarget: Retarget) -> Clip:
         local = own + length_ratio(own, offset, retarget.scale) * (carried - offset)
         turned = np.einsum("fab,fb->fa", placed[:, carrier, :3, :3], local)
         placed[:, joint, :3, 3] = placed[:, carrier, :3, 3] + turned
-    return as_clip(clip, local_transforms(source.parents, face_heading(retarget) @ placed))
+    performed = Performed(moving[..., :3, 3], at_rest[:, :3, 3], clip.times, retarget.height)
+    planted = plant_feet(placed, figure[:, :3, 3], retarget.legs, performed, scale=retarget.scale)
+    return as_clip(clip, local_transforms(source.parents, face_heading(retarget) @ planted))
 
 
 def without_nothing(clip: Clip) -> Clip:

@@ -19,6 +19,7 @@ LAYERS = [
     {
         *{"proxy", "matching", "registration", "weights", "skeletons", "reposing"},
         *{"depth", "curves", "bones", "embedding", "retargeting", "humanoids"},
+        "contacts",
     },
     {"neural"},
     {"routes"},

@@ -4,6 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from bunraku import builtin
+from bunraku.contacts import find_legs
+from bunraku.evaluate.metrics import foot_contacts, foot_slide
 from bunraku.registration.body import Body
 from bunraku.reposing import Reposed
 from bunraku.retargeting import (
@@ -16,6 +19,7 @@ from bunraku.retargeting import (
     plan_retarget,
     retarget_clip,
     skeleton_of,
+    travel_scale,
     turned_frames,
     way_home,
 )
@@ -283,6 +287,54 @@ def test_travel_is_scaled_by_the_height_of_the_hips(body, creature):
         body, creature, 3 * creature.mesh.vertices, found=3 * JOINTS, places=3 * JOINTS
     )
     assert np.isclose(found.scale / plan_for(body, creature, creature.mesh.vertices).scale, 3.0)
+
+
+BODY = np.array([0.0, 1.8])
+
+
+@pytest.mark.parametrize(
+    ("hips", "heights", "scale"),
+    [
+        (0.5, [0.0, 0.9], 0.5),  # half the size
+        (0.3, [0.0, 1.8], 0.3),  # short legs
+        (1.3, [1.0, 2.8], 0.3),  # over its own ground
+        (9.0, [0.0, 1.8], 1.8),  # a joint far above the body
+        (-2.0, [0.0, 1.8], 0.25),  # and one below it
+        (0.1, [0.0, 0.0], 1.0),  # a body without height
+    ],
+)
+def test_travel_is_bounded_by_what_a_body_can_be(hips, heights, scale, caplog):
+    found = travel_scale((1.0, hips), (BODY, np.array(heights)))
+    assert found == pytest.approx(scale)
+    assert ("travel is a guess" in caplog.text) == (not 0 < hips < 3)
+
+
+def test_planted_feet_of_the_human_stay_on_longer_legs(caplog):
+    """The built-in human's walk, on shanks a fifth longer under thighs a fifth shorter."""
+    human = builtin.human()
+    parents = human.skeleton.parents
+    joints = forward_kinematics(parents, human.skeleton.rest)[:, :3, 3]
+    legs = find_legs(human.mesh.vertices, human.skin.weights, joints, parents)
+    places = joints.copy()
+    for leg in legs:
+        places[leg.knee] += 0.2 * (joints[leg.hip] - joints[leg.knee])
+    walk = next(clip for clip in human.clips if clip.name == "walk")
+    free = Retarget(human.skeleton, places, parents, 1.0, AHEAD)
+    own, slid, stayed = (
+        world_of(human.skeleton, clip)[..., :3, 3]
+        for clip in (
+            walk,
+            retarget_clip(walk, free),
+            retarget_clip(walk, replace(free, legs=legs, height=1.7)),
+        )
+    )
+    soles = legs[0].soles
+    planted = foot_contacts(own[:, soles], walk.times, 1.7)
+    slides = [foot_slide(path[:, soles], planted, walk.times) for path in (own, slid, stayed)]
+    assert slides[1] > 1.2 * slides[0] and slides[2] < 1.1 * slides[0]
+    lengths = np.linalg.norm(stayed[:, 1:] - stayed[:, parents[1:]], axis=2)
+    expected = np.linalg.norm(places[1:] - places[parents[1:]], axis=1)
+    np.testing.assert_allclose(lengths, np.tile(expected, (len(lengths), 1)), atol=1e-9)
 
 
 def test_a_figure_caught_in_a_crouch_is_stood_on_the_floor(body, creature):

@@ -12,6 +12,7 @@ from bunraku.cli.failures import INTERRUPTED, describe_failure
 from bunraku.cli.options import (
     CharacterOption,
     ClipOption,
+    ContactsOption,
     FacingOption,
     FigureArgument,
     FileArgument,
@@ -54,6 +55,7 @@ def animate(
     clip: ClipOption = None,
     report: ReportOption = None,
     landmarks: LandmarksOption = None,
+    contacts: ContactsOption = True,
     seed: SeedOption = 0,
     up: UpOption = None,
     facing: FacingOption = None,
@@ -73,6 +75,8 @@ def animate(
         clips = steps.choose_clips(source, clip, performance)
         marks = steps.read_landmarks(landmarks, source)
         transfer = steps.match(source, found, clips, seed=seed, force=force, landmarks=marks)
+        if not contacts:
+            transfer = steps.free_feet(transfer, clips)
         write_character(out, found, transfer.character)
         if report:
             summary = steps.report_on(found, performance, source, transfer, started=started)

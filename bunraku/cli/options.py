@@ -87,6 +87,14 @@ FacingOption = Annotated[
 ForceOption = Annotated[
     bool, typer.Option("--force", help="Write the result even if the match is poor.")
 ]
+ContactsOption = Annotated[
+    bool,
+    typer.Option(
+        " /--no-contacts",
+        help="Let feet go where the copied turns take them; else planted feet stay planted.",
+        show_default=False,
+    ),
+]
 DataOption = Annotated[
     Path | None,
     typer.Option(

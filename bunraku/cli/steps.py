@@ -21,6 +21,7 @@ from bunraku.formats import read_character, read_motion
 from bunraku.formats.files import read_bytes, write_atomically
 from bunraku.formats.sniffing import sniff
 from bunraku.humanoids import transfer_motion
+from bunraku.retargeting import retarget_clip
 from bunraku.routes.from_rig import RigTransfer, animate_from_rig
 from bunraku.skinning import linear_blend_skinning
 from bunraku.types import Character, Clip, Figure, FormatError, Mesh
@@ -192,6 +193,13 @@ def match(
     for message in transfer.warnings:
         logger.warning("%s: %s", found.path, message)
     return transfer
+
+
+def free_feet(transfer: RigTransfer, clips: Sequence[Clip]) -> RigTransfer:
+    """Carry the clips over again, with feet that go where the copied turns take them."""
+    free = replace(transfer.plan, legs=())
+    carried = tuple(retarget_clip(clip, free) for clip in clips)
+    return replace(transfer, character=replace(transfer.character, clips=carried))
 
 
 def at_rest(transfer: RigTransfer) -> Mesh:

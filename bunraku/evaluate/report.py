@@ -1,6 +1,6 @@
 """How far to trust a moved figure, in numbers: what `--report` writes."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -27,6 +27,8 @@ class ClipReport:
     stretch_p99: float
     foot_slide_m: float  # metres per second of contact
     penetration_fraction: float
+    foot_slide_source_m: float  # the source's own, at the scale at which the figure travels
+    penetration_source_fraction: float
 
 
 def report_transfer(
@@ -76,24 +78,31 @@ def describe_clips(source: Character, transfer: RigTransfer) -> Iterator[ClipRep
     moved = transfer.character
     clips = {clip.name: clip for clip in source.clips}
     sample, ends = sample_edges(moved)
-    for carried, entered in zip(moved.clips, _penetration(transfer), strict=True):
+    own = tuple(clips.get(carried.name, carried) for carried in moved.clips)
+    entered = _penetration(moved, moved.clips, transfer.target_proxy.mesh)
+    before = _penetration(source, own, transfer.source_proxy.mesh)
+    for clip, carried, ours, theirs in zip(own, moved.clips, entered, before, strict=True):
         frames = play_at(sample, carried, np.linspace(0, 1, 8))
         yield ClipReport(
             carried.name,
             float(carried.times[-1] - carried.times[0]),
             len(carried.times),
             metrics.stretch(frames, sample.mesh.vertices, ends),
-            slide_of_clip(source, moved, clips.get(carried.name, carried), carried),
-            float(entered),
+            slide_of_clip(source, moved, clip, carried),
+            float(ours),
+            transfer.plan.scale * slide_of_clip(source, source, clip, clip),
+            float(theirs),
         )
 
 
-def _penetration(transfer: RigTransfer) -> Float[np.ndarray, " clips"]:
-    """Measure penetration on two frames of every clip, by the figure's proxy."""
-    solid, phases = wear_skin(transfer.character, transfer.target_proxy.mesh), np.array([0.3, 0.7])
-    if not transfer.character.clips:
+def _penetration(
+    character: Character, clips: Sequence[Clip], proxy: Mesh
+) -> Float[np.ndarray, " clips"]:
+    """Measure penetration on two frames of every clip, by the character's proxy."""
+    if not clips:
         return np.zeros(0)
-    posed = np.concatenate([play_at(solid, clip, phases) for clip in transfer.character.clips])
+    solid, phases = wear_skin(character, proxy), np.array([0.3, 0.7])
+    posed = np.concatenate([play_at(solid, clip, phases) for clip in clips])
     found = metrics.penetration_fractions(posed, solid.mesh.vertices, solid.mesh.faces)
     return found.reshape(-1, len(phases)).mean(axis=1)
 

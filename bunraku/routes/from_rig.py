@@ -16,6 +16,7 @@ from bunraku.registration.body import wrap_character
 from bunraku.registration.search import Registration, register_body
 from bunraku.reposing import Reposed, repose
 from bunraku.retargeting import (
+    Retarget,
     heading_frames,
     plan_retarget,
     retarget_clip,
@@ -40,6 +41,7 @@ class RigTransfer:
     registration: Registration
     joints: Float[np.ndarray, "joints 3"]  # in the figure's pose as found
     reposed: Reposed
+    plan: Retarget  # what carries clips over
     character: Character  # the figure as found, bound, with the clips carried over
     rested: Skeleton  # the same skeleton in the source's rest pose
     repose_motion: Float[np.ndarray, "joints 4 4"]  # world_from_world: as found -> at rest
@@ -106,7 +108,7 @@ def animate_from_rig(
     carried = tuple(retarget_clip(c, plan) for c in (source.clips if clips is None else clips))
     skin = Skin(weights, invert_rigid(bind))
     return RigTransfer(
-        *(body.proxy, target, registration, joints, reposed),
+        *(body.proxy, target, registration, joints, reposed, plan),
         Character(figure, skeleton_of(source.skeleton, bind), skin, carried),
         skeleton_of(source.skeleton, rest),
         rest @ skin.inverse_bind,

@@ -203,6 +203,18 @@ def test_the_report_says_how_far_to_trust_it(animated, folder):
     assert 0 <= clip["penetration_fraction"] < 0.1
 
 
+def test_feet_can_be_left_to_slide(animated, folder):
+    """The switch changes legs and nothing above them."""
+    options = ["--with", "walker.glb", "--clip", "walk", "--no-contacts", "-o", "sliding.glb"]
+    assert bunraku("animate", "person.obj", *options, folder=folder).returncode == 0
+    paths = folder / "walk.glb", folder / "sliding.glb"
+    ours, free = (read_character(path).clips[0] for path in paths)
+    names = read_character(paths[0]).skeleton.names
+    changed = np.abs(ours.rotations - free.rotations).max(axis=(0, 2)) > 1e-4
+    legs = {name for name, moved in zip(names, changed, strict=True) if moved}
+    assert legs and all("Leg" in name or "Foot" in name for name in legs)
+
+
 @pytest.fixture(scope="module")
 def transfer(folder):
     """The same run again, in this process."""

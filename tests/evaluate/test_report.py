@@ -7,6 +7,7 @@ from bunraku.evaluate import report
 from bunraku.evaluate.families import play_at
 from bunraku.graphs import mesh_edges
 from bunraku.proxy import Proxy
+from bunraku.retargeting import Retarget
 from bunraku.routes.from_rig import RigTransfer
 from bunraku.types import Mesh
 
@@ -15,9 +16,12 @@ from bunraku.types import Mesh
 def transfer(stick):
     """As much of a route's result as the report reads."""
     found = object.__new__(RigTransfer)
+    proxy = Proxy(stick.mesh, np.zeros((84, 3), np.int64), np.zeros((84, 3)))
     found.__dict__.update(
         character=stick,
-        target_proxy=Proxy(stick.mesh, np.zeros((84, 3), np.int64), np.zeros((84, 3))),
+        source_proxy=proxy,
+        target_proxy=proxy,
+        plan=Retarget(stick.skeleton, np.zeros((2, 3)), stick.skeleton.parents, 0.5, np.eye(3)),
         confidence=0.75,
         mirrored=False,
         score=0.1,
@@ -81,3 +85,10 @@ def test_a_bend_stretches_and_penetrates_nothing_much(stick, transfer):
     clips = list(report.describe_clips(stick, transfer))
     assert 1.0 < clips[0].stretch_p99 < 1.5
     assert 0.0 <= clips[0].penetration_fraction < 0.2
+
+
+def test_the_source_is_measured_beside_the_figure(stick, transfer):
+    """Here the source is the figure, but for travelling twice as far."""
+    for clip in report.describe_clips(stick, transfer):
+        assert clip.penetration_source_fraction == clip.penetration_fraction
+        assert clip.foot_slide_source_m == pytest.approx(0.5 * clip.foot_slide_m)
