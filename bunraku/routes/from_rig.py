@@ -13,7 +13,8 @@ from threadpoolctl import threadpool_limits
 
 from bunraku.proxy import Proxy, build_proxy
 from bunraku.registration.body import wrap_character
-from bunraku.registration.search import Registration, register_body
+from bunraku.registration.consensus import register_with_landmarks
+from bunraku.registration.search import Registration
 from bunraku.reposing import Reposed, repose
 from bunraku.retargeting import (
     Retarget,
@@ -81,8 +82,8 @@ def animate_from_rig(
     target = build_proxy(figure.vertices, figure.faces)
 
     watch.begin("registration")
-    registration = register_body(
-        body, target.mesh, landmarks=landmarks, names=source.skeleton.names
+    registration, misplaced = register_with_landmarks(
+        body, target.mesh, landmarks, source.skeleton.names
     )
     if registration.strain > MOST_STRAIN and not force:
         raise MatchError(
@@ -112,5 +113,6 @@ def animate_from_rig(
         Character(figure, skeleton_of(source.skeleton, bind), skin, carried),
         skeleton_of(source.skeleton, rest),
         rest @ skin.inverse_bind,
-        *(registration.confidence, False, registration.strain, registration.doubts, watch.end()),
+        *(registration.confidence, False, registration.strain),
+        *(misplaced + registration.doubts, watch.end()),
     )
