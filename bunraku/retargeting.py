@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from bunraku.contacts import Leg, Performed, find_legs, plant_feet
-from bunraku.graphs import root_first
+from bunraku.graphs import ancestors, root_first
 from bunraku.meshes import referenced
 from bunraku.registration.body import Body
 from bunraku.reposing import Reposed
@@ -87,6 +87,9 @@ def plan_retarget(
     seen = referenced(figure.faces, len(weights)) if len(figure.faces) else slice(None)
     found = figure.vertices[seen]
     rested = linear_blend_skinning(found, weights[seen], rest @ invert_rigid(bind))
+    posed = reposed.posed > 0.5
+    if posed:  # what reaches below the ground is a limb wrongly straightened
+        rested[:, 1] = rested[:, 1].clip(min=ground_under(rested, weights[seen], legs))
     hips = body.puppet.joints[0]
     scale = travel_scale(
         (float(body.joints[hips, 1]), float(rest[hips, 1, 3])),
@@ -94,8 +97,50 @@ def plan_retarget(
     )
     home = reposed.heading @ (scale * body.joints[hips])
     aside = home - rest[hips, :3, 3] if reposed.trunk > 0.5 else np.zeros(3)
-    shift = way_home(found, rested, aside, posed=reposed.posed > 0.5)
+    shift = way_home(found, rested, aside, posed=posed)
     return replace(plan, places=reposed.places + shift, scale=scale)
+
+
+def ground_under(
+    rested: Float[np.ndarray, "vertices 3"],
+    weights: Float[np.ndarray, "vertices joints"],
+    legs: tuple[Leg, ...],
+) -> float:
+    """Find the ground a figure stands on: its lowest point, or that of its lowest leg but one.
+
+    Of three legs or more one may have been put wrongly, and hang down.
+
+    Args:
+        rested: the figure's vertices in the source's rest pose.
+        weights: its skin.
+        legs: of the source.
+    """
+    own = [weights[:, np.concatenate([leg.lower, leg.end])].sum(axis=1) > 0.5 for leg in legs]
+    lows = sorted(float(rested[leg, 1].min()) for leg in own if leg.any())
+    return lows[1] if len(lows) > 2 else float(rested[:, 1].min())
+
+
+def stand_floor_joints(body: Body, reposed: Reposed, plan: Retarget) -> tuple[Reposed, Retarget]:
+    """Put the joints above the hips, which move next to no surface, where the source has them.
+
+    A rig's origin on the floor is what a body turns about when it falls: beside the hips, at the
+    scale of the hips' height, it lies on the figure's floor as well.
+
+    Returns:
+        the same with these joints moved, as found and at rest.
+    """
+    hips = int(body.puppet.joints[0])
+    floor = np.array(ancestors(plan.carriers, hips)[1:], np.int64)
+    if not len(floor):
+        return reposed, plan
+    beside = plan.scale * (body.joints[floor] - body.joints[hips])
+    places, found = plan.places.copy(), reposed.found.copy()
+    places[floor] = places[hips] + beside
+    found[floor] = found[hips] + beside @ (plan.heading @ reposed.turns[hips]).T
+    root = root_first(plan.carriers)[0]
+    moved = places[root] - plan.places[root]  # the figure is faced about its root: stay there
+    stood = replace(plan, places=places + plan.heading @ moved - moved)
+    return replace(reposed, found=found), stood
 
 
 def travel_scale(

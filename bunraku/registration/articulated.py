@@ -171,7 +171,7 @@ def add_priors(
 ) -> None:
     """Add, in place, the costs of turning away from home and of scaling unlike the parent.
 
-    The root turns freely.
+    A turn costs what the source's clips say of that joint and axis; the root turns freely.
     """
     count = len(puppet.parents)
     child = np.flatnonzero(puppet.parents != NO_PARENT)
@@ -179,9 +179,9 @@ def add_priors(
     above = np.concatenate([np.eye(3)[None], turns])[puppet.parents + 1]
     turned = pose.rotations @ np.swapaxes(home.rotations, 1, 2)
     vectors = np.einsum("jab,jb->ja", above, matrices_to_vectors(turned))
-    vectors[puppet.parents == NO_PARENT] = 0.0
-    turning = np.repeat(puppet.parents != NO_PARENT, 3) * stage.turns
-    gradient[: 3 * count] -= turning * vectors.ravel()
+    cost = stage.turns * (above @ puppet.stiffness @ np.swapaxes(above, 1, 2))
+    cost[puppet.parents == NO_PARENT] = 0.0
+    gradient[: 3 * count] -= np.einsum("jab,jb->ja", cost, vectors).ravel()
     difference = np.eye(count)
     difference[child, puppet.parents[child]] = -1.0
     difference[puppet.parents == NO_PARENT] *= 0.3
@@ -193,4 +193,6 @@ def add_priors(
     gradient[both] -= block @ (pose.scales - home.scales).T.ravel()
     diagonal = np.arange(len(hessian))
     hessian[diagonal, diagonal] += 1e-7
-    hessian[diagonal[: 3 * count], diagonal[: 3 * count]] += turning
+    turning, each = np.zeros((count, 3, count, 3)), np.arange(count)
+    turning[each, :, each] = cost
+    hessian[: 3 * count, : 3 * count] += turning.reshape(3 * count, 3 * count)

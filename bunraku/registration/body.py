@@ -14,7 +14,7 @@ from bunraku.meshes import (
     vertex_areas,
 )
 from bunraku.proxy import Proxy, build_proxy
-from bunraku.registration.puppet import Pose, Puppet, make_puppet, tree_of_places
+from bunraku.registration.puppet import Pose, Puppet, learn_stiffness, make_puppet, tree_of_places
 from bunraku.rotations import decompose_transforms
 from bunraku.skinning import clip_transforms, forward_kinematics
 from bunraku.types import Character
@@ -60,10 +60,11 @@ def wrap_character(source: Character) -> Body:
     joints = forward_kinematics(source.skeleton.parents, source.skeleton.rest)[:, :3, 3]
     unit, centre, scale = scale_to_unit_area(vertices, faces)
     parents = source.skeleton.parents
-    puppet = make_puppet(unit, faces, weights, (joints - centre) / scale, parents)
-    carriers = tree_of_places(puppet, parents)
     areas = vertex_areas(vertices, faces)
     moments = choose_moments(source, areas @ weights)
+    puppet = make_puppet(unit, faces, weights, (joints - centre) / scale, parents)
+    puppet = learn_stiffness(puppet, moments)
+    carriers = tree_of_places(puppet, parents)
     return Body(proxy, weights, areas, joints, parents, carriers, puppet, moments)
 
 

@@ -5,7 +5,7 @@ fingers. The puppet keeps the joints that carry surface and joins each to the ne
 surface with, at an anchor: the joint itself, or the middle of the shared surface.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -14,8 +14,11 @@ from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree, sho
 
 from bunraku.graphs import ancestors, descendants
 from bunraku.meshes import farthest_points, vertex_areas, vertex_normals
-from bunraku.rotations import vectors_to_matrices
+from bunraku.registration.pose_prior import joint_stiffness, turns_at_moments
+from bunraku.rotations import matrices_to_vectors, nearest_rotation, vectors_to_matrices
 from bunraku.types import NO_PARENT
+
+SMALL_ROOT = 4.0  # times the least share: a floor root that holds one hoof moves no body
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +33,7 @@ class Puppet:
     axes: Float[np.ndarray, "joints 3"]  # unit, along the bone; zero where it has no direction
     joints: Int[np.ndarray, " joints"]  # which joint of the source's skeleton each one is
     samples: Int[np.ndarray, " samples"]  # vertices, farthest first
+    stiffness: Float[np.ndarray, "joints 3 3"]  # cost of each joint's turn, in its parent's frame
 
     @cached_property
     def normals(self) -> Float[np.ndarray, "vertices 3"]:
@@ -129,7 +133,8 @@ def step_pose(
     world, _, _ = pose.world(puppet)
     above = np.concatenate([np.eye(3)[None], world])[puppet.parents + 1]
     change = np.swapaxes(above, 1, 2) @ vectors_to_matrices(turns) @ above
-    return Pose(pose.root + shift, change @ pose.rotations, pose.scales + scales)
+    turned = nearest_rotation(change @ pose.rotations)  # or errors grow with every step
+    return Pose(pose.root + shift, turned, pose.scales + scales)
 
 
 def make_puppet(
@@ -163,7 +168,18 @@ def make_puppet(
     return Puppet(
         *(vertices, faces, merged, anchors, tree, axes, kept),
         samples=farthest_points(vertices, 2500),
+        stiffness=np.tile(np.eye(3), (len(kept), 1, 1)),
     )
+
+
+def learn_stiffness(puppet: Puppet, moments: Float[np.ndarray, "moments all_joints 3 3"]) -> Puppet:
+    """Let turns cost what a character's clips tell of its joints.
+
+    Args:
+        moments: world turns of all its joints since rest.
+    """
+    own = turns_at_moments(moments[:, puppet.joints], puppet.parents)
+    return replace(puppet, stiffness=joint_stiffness(matrices_to_vectors(own)))
 
 
 def merge_small_joints(
@@ -185,7 +201,7 @@ def merge_small_joints(
         owner[joint] = owner[owner[joint]]
     kept = owner == np.arange(len(mass))
     above = np.where(parents == NO_PARENT, NO_PARENT, owner[parents])
-    for root in np.flatnonzero(kept & (mass < least)):
+    for root in np.flatnonzero(kept & (above == NO_PARENT) & (mass < SMALL_ROOT * least)):
         children = np.flatnonzero(kept & (above == root))
         if len(children):
             owner[owner == root] = children[under[children].argmax()]

@@ -26,6 +26,7 @@ from bunraku.registration.body import Body, posed_joints
 from bunraku.registration.correspondence import Surface, make_surface, misfit, pin
 from bunraku.registration.extremities import QUARTERS, pair_landmarks, reach_tips, surface_tips
 from bunraku.registration.landmarks import hold_landmarks
+from bunraku.registration.mirroring import swap_limbs
 from bunraku.registration.nonrigid import refine
 from bunraku.registration.puppet import Pose, Puppet, move_puppet, rest_pose
 from bunraku.rotations import rotation_angles, vectors_to_matrices, vertical_turn
@@ -34,6 +35,7 @@ from bunraku.types import Mesh
 STIFFNESS = 10.0 ** np.linspace(-5, -8.5, 8)  # of the non-rigid steps
 GOOD_COARSE = 0.12  # misfit below which no further start is tried
 POOR_COARSE = 0.2  # misfit above which the proportions themselves are doubted
+DOUBTED = 0.17  # misfit above which limbs may be swapped
 POOR_FINE = 0.25  # misfit above which the functional map is asked
 AS_GOOD = 1.2  # times the best misfit, below which the source at rest explains as well
 LOOSE = 0.31  # misfit above which a stretched puppet's turns are noise
@@ -158,7 +160,7 @@ def find_candidates(body: Body, figure: Mesh, surface: Surface) -> list[Candidat
     """Fit starts, more of them the worse they fit; best first.
 
     At rest under every heading; as in the source's clips, facing as the best of those; stretched
-    to the figure's limb tips; as the functional map has it.
+    to the figure's limb tips; as the functional map has it; the best of all with limbs swapped.
     """
     puppet = body.puppet
     found = [coarse_candidate(puppet, surface, start) for start in heading_starts(puppet)]
@@ -167,7 +169,7 @@ def find_candidates(body: Body, figure: Mesh, surface: Surface) -> list[Candidat
         faced = [vertical_turn(candidate.pose.rotations[0]) for candidate in found[:2]]
         moments = likely_moments(body, surface, faced)
         found += [coarse_candidate(puppet, surface, start) for start in moments]
-    best = sorted(found, key=doubt)[:2]
+    best = distinct(puppet, sorted(found, key=doubt))
     fine = [refine_candidate(puppet, surface, one) for one in best]
     plain = min(map(doubt, fine))
     if best[0].error > POOR_COARSE:
@@ -177,7 +179,34 @@ def find_candidates(body: Body, figure: Mesh, surface: Surface) -> list[Candidat
     if plain > POOR_FINE and not explained:
         mapped = mapped_candidate(body, figure, surface)
         fine.append(refine_candidate(puppet, surface, mapped))
+    leader = min(fine, key=doubt)
+    if doubt(leader) > DOUBTED:
+        fine += swapped_candidates(puppet, surface, leader)
     return sorted(fine, key=doubt)
+
+
+def distinct(
+    puppet: Puppet, candidates: list[Candidate], *, keep: int = 2, apart: float = np.deg2rad(3.0)
+) -> list[Candidate]:
+    """Keep the first candidates that differ from each other, in mean turn, by more than `apart`."""
+    kept: list[Candidate] = []
+    worlds: list[Float[np.ndarray, "joints 3 3"]] = []
+    for candidate in candidates:
+        world = candidate.pose.world(puppet)[0]
+        turns = [rotation_angles(world @ np.swapaxes(other, 1, 2)).mean() for other in worlds]
+        if len(kept) < keep and min(turns, default=np.inf) > apart:
+            kept.append(candidate)
+            worlds.append(world)
+    return kept
+
+
+def swapped_candidates(puppet: Puppet, surface: Surface, best: Candidate) -> list[Candidate]:
+    """Give the best candidate with twin limbs swapped, pair by pair."""
+    found = []
+    for start in swap_limbs(puppet, best.pose):
+        pose = fit(puppet, start, surface, COARSE[-1:], home=best.home)
+        found.append(refine_candidate(puppet, surface, replace(best, pose=pose)))
+    return found
 
 
 def refine_candidate(puppet: Puppet, surface: Surface, candidate: Candidate) -> Candidate:

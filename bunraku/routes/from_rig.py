@@ -22,6 +22,7 @@ from bunraku.retargeting import (
     plan_retarget,
     retarget_clip,
     skeleton_of,
+    stand_floor_joints,
     turned_frames,
 )
 from bunraku.rotations import invert_rigid
@@ -40,7 +41,6 @@ class RigTransfer:
     source_proxy: Proxy
     target_proxy: Proxy
     registration: Registration
-    joints: Float[np.ndarray, "joints 3"]  # in the figure's pose as found
     reposed: Reposed
     plan: Retarget  # what carries clips over
     character: Character  # the figure as found, bound, with the clips carried over
@@ -101,15 +101,16 @@ def animate_from_rig(
     turns, trust = surface_turns(*body.surface, body.carriers, registration.fitted)
     misfit, at_rest = registration.error, registration.at_rest
     reposed = repose(joints, body, turns, trust, misfit=misfit, at_rest=at_rest)
-    bind = turned_frames(source.skeleton, joints, reposed.heading @ reposed.turns)
     plan = plan_retarget(body, reposed, figure, weights, source.skeleton)
+    reposed, plan = stand_floor_joints(body, reposed, plan)
+    bind = turned_frames(source.skeleton, reposed.found, reposed.heading @ reposed.turns)
 
     watch.begin("retargeting")
     rest = heading_frames(plan)
     carried = tuple(retarget_clip(c, plan) for c in (source.clips if clips is None else clips))
     skin = Skin(weights, invert_rigid(bind))
     return RigTransfer(
-        *(body.proxy, target, registration, joints, reposed, plan),
+        *(body.proxy, target, registration, reposed, plan),
         Character(figure, skeleton_of(source.skeleton, bind), skin, carried),
         skeleton_of(source.skeleton, rest),
         rest @ skin.inverse_bind,

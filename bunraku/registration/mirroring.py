@@ -1,0 +1,43 @@
+"""The source's own mirror: which joints are twins, and poses with twin limbs swapped.
+
+Closest points cannot tell a left leg behind from a right leg behind: caught in a run, a fit falls
+into either. The other one is a swap away.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from bunraku.registration.puppet import Pose, Puppet
+from bunraku.types import NO_PARENT
+
+LEAST_LIMB = 0.04  # of the surface: ears and thumbs are not worth a trial
+MIRROR = np.diag([-1.0, 1.0, 1.0])
+
+
+def mirror_twins(points: Float[np.ndarray, "points 3"]) -> Int[np.ndarray, " points"]:
+    """Give each point its mirror image across the plane x = median; itself if it has none."""
+    own = np.arange(len(points))
+    image = points * [-1.0, 1.0, 1.0] + [2 * float(np.median(points[:, 0])), 0.0, 0.0]
+    twin = np.linalg.norm(image[:, None] - points, axis=2).argmin(axis=1)
+    return np.where(twin[twin] == own, twin, own)
+
+
+def swap_limbs(puppet: Puppet, pose: Pose) -> Iterator[Pose]:
+    """Give the pose with each pair of twin limbs swapped: legs, arms, hind legs.
+
+    The root's place, the trunk and the other limbs stay as they are.
+    """
+    twin = mirror_twins(puppet.anchors)
+    off = twin != np.arange(len(twin))
+    share = puppet.below @ (puppet.areas @ puppet.weights)
+    for limb in np.flatnonzero(off & (share > LEAST_LIMB)):
+        above = puppet.parents[limb]
+        if limb > twin[limb] or (above != NO_PARENT and off[above]):
+            continue
+        both = off & ((puppet.below[limb] + puppet.below[twin[limb]]) > 0)
+        rotations, scales = pose.rotations.copy(), pose.scales.copy()
+        rotations[both] = MIRROR @ pose.rotations[twin[both]] @ MIRROR
+        scales[both] = pose.scales[twin[both]]
+        yield Pose(pose.root, rotations, scales)
