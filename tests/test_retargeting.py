@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bunraku import builtin
-from bunraku.contacts import find_legs
+from bunraku.contacts import Leg, find_legs
 from bunraku.evaluate.metrics import foot_contacts, foot_slide
 from bunraku.registration.body import Body
 from bunraku.reposing import Reposed
@@ -13,12 +13,14 @@ from bunraku.retargeting import (
     Retarget,
     as_clip,
     face_heading,
+    ground_under,
     heading_frames,
     length_ratio,
     place_in_frame,
     plan_retarget,
     retarget_clip,
     skeleton_of,
+    stand_floor_joints,
     travel_scale,
     turned_frames,
     way_home,
@@ -280,6 +282,59 @@ def test_a_figure_like_the_source_is_planned_as_the_source(body, creature):
     found = plan_for(body, creature, creature.mesh.vertices)
     np.testing.assert_allclose(found.places, JOINTS, atol=1e-9)
     assert abs(found.scale - 1.0) < 0.02
+
+
+def legs_of(*joints: int) -> tuple[Leg, ...]:
+    """Make legs of one joint each, for the sake of their surface."""
+    none = np.empty(0, np.int64)
+    return tuple(Leg(j, j, j, none, none, np.array([j]), none) for j in joints)
+
+
+def test_the_ground_lies_under_all_legs_but_one_that_hangs_down():
+    feet = np.array([[0.0, 0, 0], [0, 0.1, 0], [0, -0.5, 0], [0, 0.2, 0]])
+    assert ground_under(feet, np.eye(4), legs_of(0, 1, 2, 3)) == 0.0
+    assert ground_under(feet, np.eye(4), legs_of(0, 2)) == -0.5  # of two legs both count
+    assert ground_under(feet, np.eye(4), ()) == -0.5
+
+
+def test_a_rigs_origin_lies_on_the_floor_of_a_figure_with_longer_legs(body, creature):
+    """Whichever way the figure faces and however its hips have turned."""
+    floor, hips = np.array([0.1, 0.02, 0.05]), JOINTS[0]
+    parents = np.append(-1, PARENTS + 1)
+    joints = np.vstack([floor, JOINTS])
+    puppet = replace(body.puppet, joints=body.puppet.joints + 1)
+    rooted = replace(
+        body,
+        joints=joints,
+        parents=parents,
+        carriers=parents,
+        puppet=puppet,
+        weights=np.insert(body.weights, 0, 0.0, axis=1),
+        moments=np.insert(body.moments, 0, np.eye(3), axis=1),
+    )
+    places = joints + np.array([0.0, 0.3, 0.0])
+    found = 2.0 * places
+    turns = np.tile(LEFT, (8, 1, 1))
+    reposed = Reposed(found, turns, LEFT, places, 1.0)
+    plan = Retarget(creature.skeleton, places, parents, 1.5, LEFT)
+    moved, stood = stand_floor_joints(rooted, reposed, plan)
+    np.testing.assert_allclose(stood.places[0] - stood.places[1], 1.5 * (floor - hips), atol=1e-12)
+    np.testing.assert_allclose(
+        moved.found[0] - found[1], LEFT @ LEFT @ (1.5 * (floor - hips)), atol=1e-12
+    )
+    np.testing.assert_array_equal(moved.found[1:], found[1:])
+    seen = [(face_heading(one) @ to_homogeneous(one.places[1:]).T).T for one in (plan, stood)]
+    np.testing.assert_allclose(seen[1], seen[0], atol=1e-12)  # the body itself stays in its place
+
+
+def to_homogeneous(points: np.ndarray) -> np.ndarray:
+    return np.column_stack([points, np.ones(len(points))])
+
+
+def test_a_body_that_hangs_from_its_hips_has_no_floor_joints(body, creature):
+    reposed = Reposed(JOINTS, np.tile(AHEAD, (7, 1, 1)), AHEAD, JOINTS, 0.0)
+    unmoved = plan(creature)
+    assert stand_floor_joints(body, reposed, unmoved) == (reposed, unmoved)
 
 
 def test_travel_is_scaled_by_the_height_of_the_hips(body, creature):

@@ -18,7 +18,7 @@ from bunraku.registration.pose_prior import joint_stiffness, turns_at_moments
 from bunraku.rotations import matrices_to_vectors, nearest_rotation, vectors_to_matrices
 from bunraku.types import NO_PARENT
 
-SMALL_ROOT = 4.0  # times the least share: a floor root that holds one hoof moves no body
+SMALL_ROOT, MOST = 0.015, 0.8  # shares of surface: a floor root that holds one hoof, and its body
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,8 +188,9 @@ def merge_small_joints(
     """Give each joint the joint that carries its surface: itself, or an ancestor if it is small.
 
     Leaves are merged first, so that a hand collects its fingers before it is judged itself; a
-    small root (a rig's origin on the floor) goes to the child under which most of the body hangs,
-    a small root without children (an exporter's neutral bone) to the heaviest joint of all.
+    small root (a rig's origin on the floor, even one that holds a hoof) goes to the child under
+    which most of the body hangs, a small root without children (an exporter's neutral bone) to the
+    heaviest joint of all.
     """
     under = descendants(parents) @ mass
     owner, mass = np.arange(len(mass)), mass.copy()
@@ -201,10 +202,14 @@ def merge_small_joints(
         owner[joint] = owner[owner[joint]]
     kept = owner == np.arange(len(mass))
     above = np.where(parents == NO_PARENT, NO_PARENT, owner[parents])
-    for root in np.flatnonzero(kept & (above == NO_PARENT) & (mass < SMALL_ROOT * least)):
+    for root in np.flatnonzero(kept & (above == NO_PARENT)):
         children = np.flatnonzero(kept & (above == root))
-        if len(children):
-            owner[owner == root] = children[under[children].argmax()]
+        if not len(children):
+            continue
+        heir = children[under[children].argmax()]
+        on_floor = mass[root] < SMALL_ROOT * mass.sum() and under[heir] > MOST * under[root]
+        if mass[root] < least or on_floor:
+            owner[owner == root] = heir
     owner[(owner == np.arange(len(mass))) & (mass < least)] = mass.argmax()
     return owner[owner]
 

@@ -41,6 +41,7 @@ def rod() -> Puppet:
         axes=np.array([[1.0, 0, 0], [1, 0, 0]]),
         joints=np.array([0, 1]),
         samples=np.array([0, 1, 2]),
+        stiffness=np.tile(np.eye(3), (2, 1, 1)),
     )
 
 
@@ -168,6 +169,13 @@ def test_a_small_root_goes_where_most_of_the_body_hangs():
 def test_a_small_root_sees_the_body_below_a_pelvis_without_surface():
     parents, mass = np.array([-1, 0, 0, 2, 3]), np.array([0.0, 0.1, 0.0, 0.6, 0.3])
     np.testing.assert_array_equal(merge_small_joints(mass, parents, 0.004), [3, 1, 3, 3, 4])
+
+
+def test_an_origin_on_the_floor_that_holds_one_hoof_merges_into_the_body_and_hips_do_not():
+    parents = np.array([-1, 0, 0, 1, 1])
+    floor, hips = np.array([1.0, 50, 1, 24, 24]), np.array([1.0, 50, 49, 0, 0])
+    np.testing.assert_array_equal(merge_small_joints(floor, parents, 0.4), [1, 1, 2, 3, 4])
+    np.testing.assert_array_equal(merge_small_joints(hips[:3], parents[:3], 0.4), [0, 1, 2])
 
 
 def test_merging_leaves_joints_that_carry_enough_alone(creature, rng):

@@ -10,6 +10,7 @@ from bunraku.registration.puppet import move_puppet, rest_pose
 from bunraku.registration.search import (
     Candidate,
     Registration,
+    distinct,
     doubt,
     find_candidates,
     free_from_rig,
@@ -47,6 +48,13 @@ def test_a_posed_start_stands_as_the_source_does_at_that_moment(creature, puppet
     scale = np.ptp(puppet.vertices[:, 1]) / np.ptp(creature.mesh.vertices[:, 1])
     moved, played = moved - moved.mean(axis=0), scale * (played - played.mean(axis=0))
     np.testing.assert_allclose(moved, played, atol=1e-9)
+
+
+def test_starts_that_led_to_one_place_are_tried_once(puppet):
+    ahead, aside, behind, *_ = (Candidate(p, None, 0.1) for p in heading_starts(puppet, 4))
+    nearly = Candidate(rest_pose(puppet, vectors_to_matrices(np.array([0, 0.01, 0]))), None, 0.1)
+    assert distinct(puppet, [ahead, nearly, aside, behind]) == [ahead, aside]
+    assert distinct(puppet, [nearly, ahead]) == [nearly]
 
 
 def test_the_moment_that_the_figure_is_frozen_in_is_found(body):
