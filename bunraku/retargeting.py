@@ -12,10 +12,11 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from bunraku.contacts import Leg, Performed, find_legs, plant_feet
-from bunraku.graphs import ancestors, root_first
+from bunraku.graphs import ancestors, descendants, root_first
 from bunraku.meshes import referenced
 from bunraku.registration.body import Body
 from bunraku.reposing import Reposed
+from bunraku.reposing.decision import is_stood_on, limbs
 from bunraku.rotations import (
     compose_transforms,
     decompose_transforms,
@@ -89,7 +90,7 @@ def plan_retarget(
     rested = linear_blend_skinning(found, weights[seen], rest @ invert_rigid(bind))
     posed = reposed.posed > 0.5
     if posed:  # what reaches below the ground is a limb wrongly straightened
-        rested[:, 1] = rested[:, 1].clip(min=ground_under(rested, weights[seen], legs))
+        rested[:, 1] = rested[:, 1].clip(min=ground_under(rested, weights[seen], body))
     hips = body.puppet.joints[0]
     scale = travel_scale(
         (float(body.joints[hips, 1]), float(rest[hips, 1, 3])),
@@ -104,19 +105,21 @@ def plan_retarget(
 def ground_under(
     rested: Float[np.ndarray, "vertices 3"],
     weights: Float[np.ndarray, "vertices joints"],
-    legs: tuple[Leg, ...],
+    body: Body,
 ) -> float:
-    """Find the ground a figure stands on: its lowest point, or that of its lowest leg but one.
+    """Find the ground a figure stands on: its lowest point, or that of its lowest limb but one.
 
-    Of three legs or more one may have been put wrongly, and hang down.
+    Of three limbs or more that a body stands on one may have been put wrongly, and hang down.
 
     Args:
         rested: the figure's vertices in the source's rest pose.
         weights: its skin.
-        legs: of the source.
+        body: the source.
     """
-    own = [weights[:, np.concatenate([leg.lower, leg.end])].sum(axis=1) > 0.5 for leg in legs]
-    lows = sorted(float(rested[leg, 1].min()) for leg in own if leg.any())
+    below = descendants(body.carriers)
+    stood_on = [below[limb] for limb in limbs(body).tolist() if is_stood_on(body, limb)]
+    own = [weights[:, limb].sum(axis=1) > 0.5 for limb in stood_on]
+    lows = sorted(float(rested[limb, 1].min()) for limb in own if limb.any())
     return lows[1] if len(lows) > 2 else float(rested[:, 1].min())
 
 

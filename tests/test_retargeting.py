@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bunraku import builtin
-from bunraku.contacts import Leg, find_legs
+from bunraku.contacts import find_legs
 from bunraku.evaluate.metrics import foot_contacts, foot_slide
 from bunraku.registration.body import Body
 from bunraku.reposing import Reposed
@@ -284,17 +284,18 @@ def test_a_figure_like_the_source_is_planned_as_the_source(body, creature):
     assert abs(found.scale - 1.0) < 0.02
 
 
-def legs_of(*joints: int) -> tuple[Leg, ...]:
-    """Make legs of one joint each, for the sake of their surface."""
-    none = np.empty(0, np.int64)
-    return tuple(Leg(j, j, j, none, none, np.array([j]), none) for j in joints)
-
-
-def test_the_ground_lies_under_all_legs_but_one_that_hangs_down():
+def test_the_ground_lies_under_all_limbs_but_one_that_hangs_down(body):
     feet = np.array([[0.0, 0, 0], [0, 0.1, 0], [0, -0.5, 0], [0, 0.2, 0]])
-    assert ground_under(feet, np.eye(4), legs_of(0, 1, 2, 3)) == 0.0
-    assert ground_under(feet, np.eye(4), legs_of(0, 2)) == -0.5  # of two legs both count
-    assert ground_under(feet, np.eye(4), ()) == -0.5
+    table = replace(
+        body,
+        joints=np.array([[1.0, 1, 1], [-1, 1, 1], [1, 1, -1], [-1, 1, -1]]),
+        parents=np.full(4, -1),
+        carriers=np.full(4, -1),
+        weights=np.tile(np.eye(4), (len(body.weights), 1))[: len(body.weights)],
+        moments=np.empty((0, 4, 3, 3)),
+    )  # four legs, each of which has some of the surface near the floor
+    assert ground_under(feet, np.eye(4), table) == 0.0
+    assert ground_under(feet, np.eye(7)[:4], body) == -0.5  # on two legs both count
 
 
 def test_a_rigs_origin_lies_on_the_floor_of_a_figure_with_longer_legs(body, creature):

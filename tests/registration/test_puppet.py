@@ -5,15 +5,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bunraku.graphs import descendants
-from bunraku.meshes import vertex_areas, vertex_normals
+from bunraku.meshes import vertex_normals
 from bunraku.registration.puppet import (
     Pose,
     Puppet,
     bone_axes,
-    is_parent_of,
-    join_by_shared_surface,
     make_puppet,
-    merge_small_joints,
     move_puppet,
     place_anchors,
     rest_pose,
@@ -26,7 +23,6 @@ from bunraku.skinning import forward_kinematics, linear_blend_skinning
 from tests.creatures import NAMES, PARENTS
 
 QUARTER = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])  # a quarter turn about Z
-WHOLE_HAND = np.array([-1, 0, 1, 2, 3, 3, 3])  # floor > hips > arm > hand > three fingers
 
 
 @pytest.fixture
@@ -143,103 +139,6 @@ def test_a_step_adds_scales_and_moves_the_root(puppet, somehow, rng):
     np.testing.assert_allclose(stepped.rotations, somehow.rotations, atol=1e-12)
     np.testing.assert_allclose(stepped.scales, somehow.scales + scales)
     np.testing.assert_allclose(stepped.root, somehow.root + shift)
-
-
-def test_fingers_merge_into_the_hand_and_a_floor_root_into_the_hips():
-    mass = np.array([0.0, 5.0, 3.0, 0.3, 0.25, 0.25, 0.25])
-    np.testing.assert_array_equal(merge_small_joints(mass, WHOLE_HAND, 1.0), [1, 1, 2, 3, 3, 3, 3])
-
-
-def test_a_hand_that_is_small_with_its_fingers_merges_into_the_arm():
-    mass = np.array([0.0, 5.0, 3.0, 0.3, 0.1, 0.1, 0.1])
-    np.testing.assert_array_equal(merge_small_joints(mass, WHOLE_HAND, 1.0), [1, 1, 2, 2, 2, 2, 2])
-
-
-def test_a_small_root_goes_to_its_heavier_child_and_a_lone_one_to_the_heaviest_joint():
-    parents, mass = np.array([-1, -1, 1, 1]), np.array([0.0, 0.0, 2.0, 3.0])
-    np.testing.assert_array_equal(merge_small_joints(mass, parents, 1.0), [3, 3, 2, 3])
-
-
-def test_a_small_root_goes_where_most_of_the_body_hangs():
-    """A heavy foot that an IK rig hangs off the floor is no match for the whole body."""
-    parents, mass = np.array([-1, 0, 0, 2, 3]), np.array([0.0, 4.0, 1.5, 3.0, 3.0])
-    np.testing.assert_array_equal(merge_small_joints(mass, parents, 1.0), [2, 1, 2, 3, 4])
-
-
-def test_a_small_root_sees_the_body_below_a_pelvis_without_surface():
-    parents, mass = np.array([-1, 0, 0, 2, 3]), np.array([0.0, 0.1, 0.0, 0.6, 0.3])
-    np.testing.assert_array_equal(merge_small_joints(mass, parents, 0.004), [3, 1, 3, 3, 4])
-
-
-def test_an_origin_on_the_floor_that_holds_one_hoof_merges_into_the_body_and_hips_do_not():
-    parents = np.array([-1, 0, 0, 1, 1])
-    floor, hips = np.array([1.0, 50, 1, 24, 24]), np.array([1.0, 50, 49, 0, 0])
-    np.testing.assert_array_equal(merge_small_joints(floor, parents, 0.4), [1, 1, 2, 3, 4])
-    np.testing.assert_array_equal(merge_small_joints(hips[:3], parents[:3], 0.4), [0, 1, 2])
-
-
-def test_merging_leaves_joints_that_carry_enough_alone(creature, rng):
-    mass = rng.uniform(1, 2, 7)
-    np.testing.assert_array_equal(merge_small_joints(mass, PARENTS, 1.0), np.arange(7))
-    np.testing.assert_array_equal(merge_small_joints(np.ones(1), np.array([-1]), 1.0), [0])
-
-
-def test_merged_joints_are_never_merged_further(rng):
-    for _ in range(50):
-        parents = np.array([rng.integers(-1, joint) if joint else -1 for joint in range(12)])
-        mass = rng.exponential(size=12)
-        owner = merge_small_joints(mass, parents, 1.0)
-        np.testing.assert_array_equal(owner[owner], owner)
-        collected = np.bincount(owner, mass, 12)
-        roots = parents == -1
-        assert np.isclose(collected.sum(), mass.sum())
-        assert (collected[(collected > 0) & ~roots] >= 1.0).all()
-
-
-def test_parents_of_kept_joints_skip_the_merged_ones():
-    parents, owner = np.array([-1, 0, 1, 2]), np.array([1, 1, 1, 3])
-    hierarchy = is_parent_of(np.array([1, 3]), parents, owner)
-    np.testing.assert_array_equal(hierarchy, [[False, True], [False, False]])
-
-
-def test_an_ordinary_tree_is_kept(creature):
-    areas = vertex_areas(creature.mesh.vertices, creature.mesh.faces)
-    hierarchy = is_parent_of(np.arange(7), PARENTS, np.arange(7))
-    order, tree = join_by_shared_surface(areas, creature.skin.weights, hierarchy)
-    assert sorted(order) == list(range(7)) and order[0] == NAMES.index("hips")
-    assert (tree < np.arange(7)).all()
-    expected = PARENTS[order]
-    found = np.where(tree < 0, -1, order[tree])
-    np.testing.assert_array_equal(found, expected)
-
-
-def test_the_tree_does_not_depend_on_the_order_of_siblings(creature, rng):
-    shuffle = np.concatenate([[0, 1], 2 + rng.permutation(5)])
-    parents = PARENTS[shuffle]  # the first two stay, so their numbers do
-    weights = creature.skin.weights[:, shuffle]
-    areas = vertex_areas(creature.mesh.vertices, creature.mesh.faces)
-    hierarchy = is_parent_of(np.arange(7), parents, np.arange(7))
-    order, tree = join_by_shared_surface(areas, weights, hierarchy)
-    np.testing.assert_array_equal(np.where(tree < 0, -1, order[tree]), parents[order])
-
-
-def test_the_tree_starts_at_the_top_with_the_most_surface_below_it():
-    """Not at the heavier of two tops: a prop of its own weighs more than light hips alone."""
-    hierarchy = np.zeros((4, 4), bool)
-    hierarchy[1, 2] = hierarchy[2, 3] = True  # hips > chest > head, and the prop beside them
-    weights = np.array([[1.0, 0, 0, 0], [0, 0.5, 0.5, 0], [0, 0, 0.5, 0.5], [0, 0, 0, 1]])
-    order, tree = join_by_shared_surface(np.array([2.0, 0.5, 2, 2]), weights, hierarchy)
-    assert order[0] == 1 and tree[0] == -1
-
-
-@pytest.mark.parametrize(("contact", "parent"), [(1.0, 0), (5.0, 1)])
-def test_only_much_more_shared_surface_changes_the_tree(contact, parent):
-    """A thigh that touches the other more than its hips stays; a foot on its shin does not."""
-    hierarchy = np.array([[False, True, True], [False] * 3, [False] * 3])
-    weights = np.array([[0.9, 0.0, 0.1], [0.5, 0.5, 0.0], [0.0, 0.5, 0.5], [0.0, 0.0, 1.0]])
-    areas = np.array([1.0, 1.0, contact, 1.0])
-    order, tree = join_by_shared_surface(areas, weights, hierarchy)
-    assert order[tree[list(order).index(2)]] == parent
 
 
 def split_legs(creature) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
