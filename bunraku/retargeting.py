@@ -6,13 +6,27 @@ Translations that a clip moves (the root, squash and stretch, IK feet) are scale
 """
 
 import logging
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.spatial import KDTree
 
-from bunraku.contacts import Leg, Performed, find_legs, plant_feet
+from bunraku.contacts import (
+    Arm,
+    Dressed,
+    Leg,
+    Performed,
+    choose_moments,
+    choose_swing,
+    find_arms,
+    find_legs,
+    plant_feet,
+    swing_arm,
+)
 from bunraku.graphs import root_first
+from bunraku.humanoids import name_joints
 from bunraku.meshes import referenced
 from bunraku.registration.body import Body
 from bunraku.reposing import Reposed
@@ -28,7 +42,7 @@ from bunraku.skinning import (
     linear_blend_skinning,
     local_transforms,
 )
-from bunraku.types import NO_PARENT, Clip, Mesh, Skeleton
+from bunraku.types import NO_PARENT, Clip, MatchError, Mesh, Skeleton
 
 logger = logging.getLogger(__name__)
 LEAST_TRAVEL = 0.25  # of the ratio of heights: legs shorter than that are a joint gone astray
@@ -46,6 +60,7 @@ class Retarget:
     heading: Float[np.ndarray, "3 3"]  # turn about the vertical from the source's front
     legs: tuple[Leg, ...] = ()  # whose contacts with the ground are kept
     height: float = 1.0  # of the source at rest, in metres
+    swings: tuple[tuple[Arm, float], ...] = ()  # of arms, that keep hands out of the body
 
 
 def turned_frames(
@@ -164,14 +179,76 @@ def face_heading(retarget: Retarget) -> Float[np.ndarray, "4 4"]:
     return compose_transforms(about - retarget.heading @ about, retarget.heading)
 
 
+def carry_clips(
+    clips: Sequence[Clip], retarget: Retarget, performer: Dressed, surface: Dressed
+) -> tuple[Retarget, tuple[Clip, ...]]:
+    """Carry clips to the figure, its arms swung where they would go into its body.
+
+    Args:
+        clips: of the source.
+        retarget: the plan, without swings.
+        performer: the source's proxy, at rest.
+        surface: the figure's, in the pose it was found in.
+
+    Returns:
+        the plan with its swings, and the clips.
+    """
+    plan, arms = retarget, arms_of(retarget) if clips else ()
+    if arms:
+        source = retarget.source
+        rest, bodies = turned_frames(source, retarget.places), (surface, performer)
+        looked = choose_moments([len(clip.times) for clip in clips]).items()
+        ours = np.concatenate([carry_frames(clips[k], retarget)[frames] for k, frames in looked])
+        theirs = np.concatenate([source_frames(clips[k], source)[frames] for k, frames in looked])
+        angles = [choose_swing(ours, rest, arm, bodies, theirs) for arm in arms]
+        plan = replace(plan, swings=tuple(zip(arms, angles, strict=True)) if any(angles) else ())
+    return plan, tuple(retarget_clip(clip, plan) for clip in clips)
+
+
+def arms_of(retarget: Retarget) -> tuple[Arm, ...]:
+    """Find the arms of the source, if it is a human."""
+    try:
+        roles = name_joints(retarget.source)
+    except MatchError:
+        return ()
+    return find_arms(roles, retarget.places, retarget.carriers, retarget.legs)
+
+
+def dress_source(body: Body, source: Skeleton) -> Dressed:
+    """Give the source's proxy its skin."""
+    at_rest = forward_kinematics(source.parents, source.rest)
+    return Dressed(body.proxy.mesh, body.weights, at_rest)
+
+
+def dress(
+    mesh: Mesh,
+    figure: Mesh,
+    weights: Float[np.ndarray, "vertices joints"],
+    bind: Float[np.ndarray, "joints 4 4"],
+) -> Dressed:
+    """Give a proxy the skin of the figure's vertices nearest to it."""
+    nearest = KDTree(figure.vertices).query(mesh.vertices)[1]
+    return Dressed(mesh, weights[nearest], bind)
+
+
 def retarget_clip(clip: Clip, retarget: Retarget) -> Clip:
     """Carry one clip to the figure: rotations copied in the world, places rebuilt bone by bone.
 
     Returns:
         the clip of the same name and times, parent_from_joint on the figure's skeleton.
     """
+    frames = carry_frames(clip, retarget)
+    rest = turned_frames(retarget.source, retarget.places)
+    for arm, angle in retarget.swings:
+        frames = swing_arm(frames, rest, arm, angle)
+    world = face_heading(retarget) @ frames
+    return as_clip(clip, local_transforms(retarget.source.parents, world))
+
+
+def carry_frames(clip: Clip, retarget: Retarget) -> Float[np.ndarray, "frames joints 4 4"]:
+    """Give world_from_joint of the figure in a clip, facing the source's front."""
     source = retarget.source
-    moving = forward_kinematics(source.parents, clip_transforms(without_nothing(clip)))
+    moving = source_frames(clip, source)
     at_rest = forward_kinematics(source.parents, source.rest)
     figure = turned_frames(source, retarget.places)
     placed = moving.copy()
@@ -188,8 +265,12 @@ def retarget_clip(clip: Clip, retarget: Retarget) -> Clip:
         turned = np.einsum("fab,fb->fa", placed[:, carrier, :3, :3], local)
         placed[:, joint, :3, 3] = placed[:, carrier, :3, 3] + turned
     performed = Performed(moving[..., :3, 3], at_rest[:, :3, 3], clip.times, retarget.height)
-    planted = plant_feet(placed, figure[:, :3, 3], retarget.legs, performed, scale=retarget.scale)
-    return as_clip(clip, local_transforms(source.parents, face_heading(retarget) @ planted))
+    return plant_feet(placed, figure[:, :3, 3], retarget.legs, performed, scale=retarget.scale)
+
+
+def source_frames(clip: Clip, source: Skeleton) -> Float[np.ndarray, "frames joints 4 4"]:
+    """Give world_from_joint of the source in a clip."""
+    return forward_kinematics(source.parents, clip_transforms(without_nothing(clip)))
 
 
 def without_nothing(clip: Clip) -> Clip:

@@ -5,13 +5,16 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bunraku import builtin
-from bunraku.contacts import find_legs
+from bunraku.contacts import Arm, Dressed, find_legs
+from bunraku.contacts.clearance import inside_share
 from bunraku.evaluate.metrics import foot_contacts, foot_slide
 from bunraku.registration.body import Body
 from bunraku.reposing import Reposed
 from bunraku.retargeting import (
     Retarget,
     as_clip,
+    carry_clips,
+    carry_frames,
     face_heading,
     heading_frames,
     length_ratio,
@@ -23,7 +26,7 @@ from bunraku.retargeting import (
     turned_frames,
     way_home,
 )
-from bunraku.rotations import compose_transforms, vectors_to_matrices
+from bunraku.rotations import compose_transforms, rotation_angles, vectors_to_matrices
 from bunraku.skinning import clip_transforms, forward_kinematics
 from bunraku.types import Character, Clip, Mesh, Skeleton
 from tests.creatures import JOINTS, NAMES, PARENTS
@@ -350,3 +353,42 @@ def test_a_figure_caught_in_a_crouch_is_stood_on_the_floor(body, creature):
     unlike = heading_frames(plan_for(body, creature, vertices, **caught, trunk=0.0))
     np.testing.assert_allclose(unlike[0, [0, 2], 3], aside[0, [0, 2]], atol=1e-9)
     assert unlike[0, 1, 3] == pytest.approx(rest[0, 1, 3])
+
+
+def test_a_swing_moves_an_arm_in_every_clip(creature):
+    arm = Arm(3, 1, np.array([3]), np.array([3]), 1.0)
+    still = plan(creature)
+    before, after = (
+        world_of(creature.skeleton, retarget_clip(creature.clips[0], one))
+        for one in (still, replace(still, swings=((arm, 0.2),)))
+    )
+    others = np.arange(7) != 3
+    np.testing.assert_allclose(after[:, others], before[:, others], atol=1e-9)
+    turned = np.swapaxes(before[:, 3, :3, :3], 1, 2) @ after[:, 3, :3, :3]
+    np.testing.assert_allclose(rotation_angles(turned), 0.2, atol=1e-9)
+
+
+def test_a_stout_figure_holds_its_arms_away():
+    """The built-in human, but with a belly that its own arms would go into."""
+    human = builtin.human()
+    joints = forward_kinematics(human.skeleton.parents, human.skeleton.rest)[:, :3, 3]
+    names = human.skeleton.names
+    arms = [index for index, name in enumerate(names) if "Arm" in name or "Hand" in name]
+    vertices = human.mesh.vertices.copy()
+    away = (vertices[:, 1] - joints[names.index("hips"), 1] - 0.1) / 0.18
+    armless = 1 - np.clip(2 * human.skin.weights[:, arms].sum(axis=1), 0, 1)
+    vertices[:, [0, 2]] *= 1 + 0.6 * (np.exp(-(away**2)) * armless)[:, None]
+    rest = forward_kinematics(human.skeleton.parents, human.skeleton.rest)
+    slim = Dressed(human.mesh, human.skin.weights, rest)
+    stout = replace(slim, mesh=Mesh(vertices, human.mesh.faces))
+    same = Retarget(human.skeleton, joints, human.skeleton.parents, 1.0, AHEAD)
+    walk = [clip for clip in human.clips if clip.name == "walk"]
+    free, _ = carry_clips(walk, same, slim, slim)
+    held, (carried,) = carry_clips(walk, same, slim, stout)
+    assert free.swings == () and len(held.swings) == 2
+    frames = carry_frames(walk[0], same)
+    for arm, angle in held.swings:
+        assert 0 < np.rad2deg(angle) <= 20
+        before = inside_share(frames, arm, stout)
+        after = inside_share(world_of(human.skeleton, carried), arm, stout)
+        assert before > 0.005 and after < 0.5 * before
