@@ -26,7 +26,6 @@ from bunraku.contacts import (
     swing_arm,
 )
 from bunraku.graphs import root_first
-from bunraku.humanoids import name_joints
 from bunraku.meshes import referenced
 from bunraku.registration.body import Body
 from bunraku.reposing import Reposed
@@ -42,7 +41,7 @@ from bunraku.skinning import (
     linear_blend_skinning,
     local_transforms,
 )
-from bunraku.types import NO_PARENT, Clip, MatchError, Mesh, Skeleton
+from bunraku.types import NO_PARENT, Clip, Mesh, Skeleton
 
 logger = logging.getLogger(__name__)
 LEAST_TRAVEL = 0.25  # of the ratio of heights: legs shorter than that are a joint gone astray
@@ -206,12 +205,9 @@ def carry_clips(
 
 
 def arms_of(retarget: Retarget) -> tuple[Arm, ...]:
-    """Find the arms of the source, if it is a human."""
-    try:
-        roles = name_joints(retarget.source)
-    except MatchError:
-        return ()
-    return find_arms(roles, retarget.places, retarget.carriers, retarget.legs)
+    """Find the arms of the source, if its joints are named as such."""
+    names, carriers = retarget.source.names, retarget.carriers
+    return find_arms(names, retarget.places, carriers, retarget.legs)
 
 
 def dress_source(body: Body, source: Skeleton) -> Dressed:

@@ -5,7 +5,7 @@ arm one constant swing about the trunk's forward axis, in all clips alike, is ch
 leaves no more of forearm and hand inside the rest of the body than the source's own, if it helps.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import igl
@@ -14,10 +14,11 @@ from jaxtyping import Bool, Float, Int
 
 from bunraku.contacts.legs import Leg
 from bunraku.contacts.planting import Frames, turn_rigidly
-from bunraku.graphs import descendants
+from bunraku.graphs import ancestors, descendants
+from bunraku.humanoids.names import read_name
 from bunraku.rotations import invert_rigid, vectors_to_matrices
 from bunraku.skinning import linear_blend_skinning
-from bunraku.types import Mesh
+from bunraku.types import NO_PARENT, Mesh
 
 SWINGS = np.deg2rad([4, -4, 8, -8, 12, -12, 16, -16, 20, -20])  # tried in turn; outwards is up
 TOLERATED = 0.005  # share of forearm and hand inside the body that nobody sees
@@ -46,31 +47,34 @@ class Dressed:
 
 
 def find_arms(
-    roles: Mapping[str, int],
+    names: Sequence[str],
     joints: Float[np.ndarray, "joints 3"],
     carriers: Int[np.ndarray, " joints"],
     legs: Sequence[Leg],
 ) -> tuple[Arm, ...]:
-    """Find the arms among the joints of a human, by the names of VRM; none of other creatures.
+    """Find arms by the names of their joints, in any of the common dialects.
 
     Args:
-        roles: joint of each VRM bone that is known.
+        names: of the joints.
         joints: at rest, facing +Z.
         carriers: the tree of who carries whom.
         legs: what stands on the ground is no arm.
     """
-    below, arms = descendants(carriers), []
+    below, arms, said = descendants(carriers), {}, [read_name(name) for name in names]
     standing = {int(joint) for leg in legs for joint in leg.end}
-    for side in ("left", "right"):
-        shoulder, elbow = (roles.get(f"{side}{part}Arm", -1) for part in ("Upper", "Lower"))
-        if min(shoulder, elbow) < 0 or carriers[shoulder] < 0 or not below[shoulder, elbow]:
+    for elbow, word in enumerate(said):
+        above = ancestors(carriers, elbow)[1:]
+        if not (word.side and word.may_be("LowerArm")) or word.side in arms:
             continue
-        swings, far = (np.flatnonzero(below[joint]) for joint in (shoulder, elbow))
+        named = (j for j in above if said[j].side == word.side and said[j].may_be("UpperArm"))
+        shoulder = next(named, NO_PARENT)
+        far = np.flatnonzero(below[elbow])
+        if shoulder == NO_PARENT or carriers[shoulder] == NO_PARENT or standing & set(far.tolist()):
+            continue
         trunk = int(carriers[shoulder])
-        if not standing & set(far.tolist()):
-            aside = float(np.sign(joints[shoulder, 0] - joints[trunk, 0]))
-            arms.append(Arm(shoulder, trunk, swings, far, aside))
-    return tuple(arms)
+        aside = float(np.sign(joints[shoulder, 0] - joints[trunk, 0]))
+        arms[word.side] = Arm(shoulder, trunk, np.flatnonzero(below[shoulder]), far, aside)
+    return tuple(arms.values())
 
 
 def swing_arm(

@@ -80,19 +80,20 @@ def test_a_swing_that_does_not_help_is_not_made():
     assert choose_swing(hanging(0.0), REST, LEFT, (huge, slim), hanging(0.0)) == 0.0
 
 
-def test_arms_are_found_by_role_unless_they_stand_on_the_ground():
+def test_arms_are_found_by_name_unless_they_stand_on_the_ground():
     joints = np.vstack([JOINTS, JOINTS[1:] * [-1.0, 1.0, 1.0]])
     parents = np.array([-1, 0, 1, 0, 3])
-    roles = {"leftUpperArm": 1, "leftLowerArm": 2, "rightUpperArm": 3, "rightLowerArm": 4}
-    left, right = find_arms(roles, joints, parents, ())
+    names = ("chest", "leftUpperArm", "leftLowerArm", "mixamorig:RightArm", "RightForeArm")
+    left, right = find_arms(names, joints, parents, ())
     assert (left.shoulder, left.trunk, left.side) == (1, 0, 1.0)
     assert (right.shoulder, right.trunk, right.side) == (3, 0, -1.0)
     np.testing.assert_array_equal(right.below, [3, 4])
     np.testing.assert_array_equal(right.far, [4])
     none = np.empty(0, np.int64)
     foreleg = Leg(1, 1, 2, none, none, np.array([2]), np.array([2]))
-    assert [arm.shoulder for arm in find_arms(roles, joints, parents, (foreleg,))] == [3]
-    assert find_arms({}, joints, parents, ()) == ()
+    assert [arm.shoulder for arm in find_arms(names, joints, parents, (foreleg,))] == [3]
+    wings = ("body", "wing_1_L", "wing_2_L", "wing_1_R", "wing_2_R")
+    assert find_arms(wings, joints, parents, ()) == ()
 
 
 def test_moments_are_spread_over_clips_and_frames():
