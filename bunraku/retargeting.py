@@ -134,7 +134,9 @@ def travel_scale(
     most = max(expected, float(tall[1] / above[0]))
     scale = float(np.clip(above[1] / above[0], LEAST_TRAVEL * expected, most))
     if scale != above[1] / above[0]:
-        logger.warning("the figure's hips were found outside its body; its travel is a guess")
+        logger.warning(
+            "no body of this height has its hips where they were found; travel is a guess"
+        )
     return scale
 
 
