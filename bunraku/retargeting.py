@@ -5,18 +5,29 @@ figure's joint frames at rest are the source's, so a copied world frame carries 
 Translations that a clip moves (the root, squash and stretch, IK feet) are scaled to the figure.
 """
 
-import logging
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.spatial import KDTree
 
-from bunraku.contacts import Leg, Performed, find_legs, plant_feet
-from bunraku.graphs import ancestors, descendants, root_first
+from bunraku.contacts import (
+    Arm,
+    Dressed,
+    Leg,
+    Performed,
+    choose_moments,
+    choose_swing,
+    find_arms,
+    find_legs,
+    plant_feet,
+    swing_arm,
+)
+from bunraku.graphs import ancestors, root_first
 from bunraku.meshes import referenced
 from bunraku.registration.body import Body
 from bunraku.reposing import Reposed
-from bunraku.reposing.decision import is_stood_on, limbs
 from bunraku.rotations import (
     compose_transforms,
     decompose_transforms,
@@ -29,10 +40,9 @@ from bunraku.skinning import (
     linear_blend_skinning,
     local_transforms,
 )
+from bunraku.standing import ground_under, travel_scale, way_home
 from bunraku.types import NO_PARENT, Clip, Mesh, Skeleton
 
-logger = logging.getLogger(__name__)
-LEAST_TRAVEL = 0.25  # of the ratio of heights: legs shorter than that are a joint gone astray
 LEAST_SCALE = 1e-3  # what a clip scales to nothing, to hide it, stays just larger than nothing
 
 
@@ -47,6 +57,7 @@ class Retarget:
     heading: Float[np.ndarray, "3 3"]  # turn about the vertical from the source's front
     legs: tuple[Leg, ...] = ()  # whose contacts with the ground are kept
     height: float = 1.0  # of the source at rest, in metres
+    swings: tuple[tuple[Arm, float], ...] = ()  # of arms, that keep hands out of the body
 
 
 def turned_frames(
@@ -70,7 +81,7 @@ def plan_retarget(
     figure: Mesh,
     weights: Float[np.ndarray, "vertices joints"],
     source: Skeleton,
-) -> Retarget:
+) -> tuple[Retarget, Reposed]:
     """Stand the reposed figure where it belongs; scale travel by the height of the hips.
 
     Args:
@@ -79,6 +90,9 @@ def plan_retarget(
         figure: as found; its vertices in no face, which nobody sees, do not count.
         weights: its skin.
         source: the source's skeleton.
+
+    Returns:
+        the plan, and the figure's way with the joints on the floor set right.
     """
     legs = find_legs(body.proxy.mesh.vertices, body.weights, body.joints, body.carriers)
     tall = float(np.ptp(body.proxy.mesh.vertices[:, 1]))
@@ -99,43 +113,23 @@ def plan_retarget(
     home = reposed.heading @ (scale * body.joints[hips])
     aside = home - rest[hips, :3, 3] if reposed.trunk > 0.5 else np.zeros(3)
     shift = way_home(found, rested, aside, posed=posed)
-    return replace(plan, places=reposed.places + shift, scale=scale)
+    stood = replace(plan, places=reposed.places + shift, scale=scale)
+    return stand_floor_joints(body, reposed, stood)
 
 
-def ground_under(
-    rested: Float[np.ndarray, "vertices 3"],
-    weights: Float[np.ndarray, "vertices joints"],
-    body: Body,
-) -> float:
-    """Find the ground a figure stands on: its lowest point, or that of its lowest limb but one.
-
-    Of three limbs or more that a body stands on one may have been put wrongly, and hang down.
-
-    Args:
-        rested: the figure's vertices in the source's rest pose.
-        weights: its skin.
-        body: the source.
-    """
-    below = descendants(body.carriers)
-    stood_on = [below[limb] for limb in limbs(body).tolist() if is_stood_on(body, limb)]
-    own = [weights[:, limb].sum(axis=1) > 0.5 for limb in stood_on]
-    lows = sorted(float(rested[limb, 1].min()) for limb in own if limb.any())
-    return lows[1] if len(lows) > 2 else float(rested[:, 1].min())
-
-
-def stand_floor_joints(body: Body, reposed: Reposed, plan: Retarget) -> tuple[Reposed, Retarget]:
+def stand_floor_joints(body: Body, reposed: Reposed, plan: Retarget) -> tuple[Retarget, Reposed]:
     """Put the joints above the hips, which move next to no surface, where the source has them.
 
     A rig's origin on the floor is what a body turns about when it falls: beside the hips, at the
     scale of the hips' height, it lies on the figure's floor as well.
 
     Returns:
-        the same with these joints moved, as found and at rest.
+        the same with these joints moved, at rest and as found.
     """
     hips = int(body.puppet.joints[0])
     floor = np.array(ancestors(plan.carriers, hips)[1:], np.int64)
     if not len(floor):
-        return reposed, plan
+        return plan, reposed
     beside = plan.scale * (body.joints[floor] - body.joints[hips])
     places, found = plan.places.copy(), reposed.found.copy()
     places[floor] = places[hips] + beside
@@ -143,62 +137,7 @@ def stand_floor_joints(body: Body, reposed: Reposed, plan: Retarget) -> tuple[Re
     root = root_first(plan.carriers)[0]
     moved = places[root] - plan.places[root]  # the figure is faced about its root: stay there
     stood = replace(plan, places=places + plan.heading @ moved - moved)
-    return replace(reposed, found=found), stood
-
-
-def travel_scale(
-    hips: tuple[float, float],
-    heights: tuple[Float[np.ndarray, " source_vertices"], Float[np.ndarray, " figure_vertices"]],
-) -> float:
-    """Compare the heights of two hips over their ground, within reason for bodies of these heights.
-
-    Hips lie inside a body: a figure's are at most as high as the figure, and legs of the source's
-    kind are at least a quarter as long as its height lets expect. A joint gone astray must not
-    make a figure fly.
-
-    Args:
-        hips: height of the hips of source and figure at rest, in metres.
-        heights: of the vertices of source and figure at rest.
-    """
-    low, high = np.array([(y.min(), y.max()) for y in heights]).T
-    tall, above = high - low, np.array(hips) - low
-    if min(tall[0], tall[1], above[0]) <= 1e-6:
-        return 1.0
-    expected = tall[1] / tall[0]
-    most = max(expected, float(tall[1] / above[0]))
-    scale = float(np.clip(above[1] / above[0], LEAST_TRAVEL * expected, most))
-    if scale != above[1] / above[0]:
-        logger.warning("the figure's hips were found outside its body; its travel is a guess")
-    return scale
-
-
-def way_home(
-    found: Float[np.ndarray, "vertices 3"],
-    rested: Float[np.ndarray, "vertices 3"],
-    aside: Float[np.ndarray, "3"],
-    *,
-    posed: bool,
-) -> Float[np.ndarray, "3"]:
-    """Say how to move a reposed figure so that it stands where clips expect it.
-
-    A figure found at rest stays on its own ground. One caught in motion, near the origin of its
-    file, perhaps in the air, goes to the floor y = 0 and, if it is like the source, over the
-    origin, as the source stands at rest.
-
-    Args:
-        found: the figure's vertices as found.
-        rested: the same in the source's rest pose.
-        aside: way along the ground to where the source stands; zero if that is not known.
-        posed: the figure was caught in motion.
-    """
-    floor, height = float(found[:, 1].min()), float(np.ptp(rested[:, 1]))
-    shift = np.zeros(3)
-    if posed and -0.3 * height < floor < 0.8 * height:
-        floor = 0.0
-        level = aside * [1.0, 0.0, 1.0]
-        shift += level if np.linalg.norm(level) < 0.35 * height else 0.0
-    shift[1] = floor - float(rested[:, 1].min())
-    return shift
+    return stood, replace(reposed, found=found)
 
 
 def heading_frames(retarget: Retarget) -> Float[np.ndarray, "joints 4 4"]:
@@ -212,14 +151,73 @@ def face_heading(retarget: Retarget) -> Float[np.ndarray, "4 4"]:
     return compose_transforms(about - retarget.heading @ about, retarget.heading)
 
 
+def carry_clips(
+    clips: Sequence[Clip], retarget: Retarget, performer: Dressed, surface: Dressed
+) -> tuple[Retarget, tuple[Clip, ...]]:
+    """Carry clips to the figure, its arms swung where they would go into its body.
+
+    Args:
+        clips: of the source.
+        retarget: the plan, without swings.
+        performer: the source's proxy, at rest.
+        surface: the figure's, in the pose it was found in.
+
+    Returns:
+        the plan with its swings, and the clips.
+    """
+    plan, arms = retarget, arms_of(retarget) if clips else ()
+    if arms:
+        source = retarget.source
+        rest, bodies = turned_frames(source, retarget.places), (surface, performer)
+        looked = choose_moments([len(clip.times) for clip in clips]).items()
+        ours = np.concatenate([carry_frames(clips[k], retarget)[frames] for k, frames in looked])
+        theirs = np.concatenate([source_frames(clips[k], source)[frames] for k, frames in looked])
+        angles = [choose_swing(ours, rest, arm, bodies, theirs) for arm in arms]
+        plan = replace(plan, swings=tuple(zip(arms, angles, strict=True)) if any(angles) else ())
+    return plan, tuple(retarget_clip(clip, plan) for clip in clips)
+
+
+def arms_of(retarget: Retarget) -> tuple[Arm, ...]:
+    """Find the arms of the source, if its joints are named as such."""
+    names, carriers = retarget.source.names, retarget.carriers
+    return find_arms(names, retarget.places, carriers, retarget.legs)
+
+
+def dress_source(body: Body, source: Skeleton) -> Dressed:
+    """Give the source's proxy its skin."""
+    at_rest = forward_kinematics(source.parents, source.rest)
+    return Dressed(body.proxy.mesh, body.weights, at_rest)
+
+
+def dress(
+    mesh: Mesh,
+    figure: Mesh,
+    weights: Float[np.ndarray, "vertices joints"],
+    bind: Float[np.ndarray, "joints 4 4"],
+) -> Dressed:
+    """Give a proxy the skin of the figure's vertices nearest to it."""
+    nearest = KDTree(figure.vertices).query(mesh.vertices)[1]
+    return Dressed(mesh, weights[nearest], bind)
+
+
 def retarget_clip(clip: Clip, retarget: Retarget) -> Clip:
     """Carry one clip to the figure: rotations copied in the world, places rebuilt bone by bone.
 
     Returns:
         the clip of the same name and times, parent_from_joint on the figure's skeleton.
     """
+    frames = carry_frames(clip, retarget)
+    rest = turned_frames(retarget.source, retarget.places)
+    for arm, angle in retarget.swings:
+        frames = swing_arm(frames, rest, arm, angle)
+    world = face_heading(retarget) @ frames
+    return as_clip(clip, local_transforms(retarget.source.parents, world))
+
+
+def carry_frames(clip: Clip, retarget: Retarget) -> Float[np.ndarray, "frames joints 4 4"]:
+    """Give world_from_joint of the figure in a clip, facing the source's front."""
     source = retarget.source
-    moving = forward_kinematics(source.parents, clip_transforms(without_nothing(clip)))
+    moving = source_frames(clip, source)
     at_rest = forward_kinematics(source.parents, source.rest)
     figure = turned_frames(source, retarget.places)
     placed = moving.copy()
@@ -236,8 +234,12 @@ def retarget_clip(clip: Clip, retarget: Retarget) -> Clip:
         turned = np.einsum("fab,fb->fa", placed[:, carrier, :3, :3], local)
         placed[:, joint, :3, 3] = placed[:, carrier, :3, 3] + turned
     performed = Performed(moving[..., :3, 3], at_rest[:, :3, 3], clip.times, retarget.height)
-    planted = plant_feet(placed, figure[:, :3, 3], retarget.legs, performed, scale=retarget.scale)
-    return as_clip(clip, local_transforms(source.parents, face_heading(retarget) @ planted))
+    return plant_feet(placed, figure[:, :3, 3], retarget.legs, performed, scale=retarget.scale)
+
+
+def source_frames(clip: Clip, source: Skeleton) -> Float[np.ndarray, "frames joints 4 4"]:
+    """Give world_from_joint of the source in a clip."""
+    return forward_kinematics(source.parents, clip_transforms(without_nothing(clip)))
 
 
 def without_nothing(clip: Clip) -> Clip:

@@ -10,8 +10,8 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 ORDER = (
     *("types", "rotations", "skinning", "meshes", "spectral", "graphs"),
-    *("proxy", "matching", "registration", "weights", "skeletons", "reposing", "retargeting"),
-    *("contacts", "humanoids", "routes", "formats", "builtin", "evaluate", "cli"),
+    *("proxy", "matching", "registration", "weights", "skeletons", "reposing", "standing"),
+    *("retargeting", "contacts", "humanoids", "routes", "formats", "builtin", "evaluate", "cli"),
 )  # the layers, lowest first; whatever is not named comes last
 BEGIN, END = "<!-- files: scripts/list_files.py -->\n```\n", "```\n<!-- end of files -->"
 WIDTH = 28

@@ -18,7 +18,7 @@ LAYERS = [
     BORDERS,
     {
         *{"proxy", "matching", "registration", "weights", "skeletons", "reposing"},
-        *{"depth", "curves", "bones", "embedding", "retargeting", "humanoids"},
+        *{"depth", "curves", "bones", "embedding", "standing", "retargeting", "humanoids"},
         "contacts",
     },
     {"neural"},

@@ -7,6 +7,7 @@ from bunraku.rotations import rotation_between, vectors_to_matrices
 
 STRAIGHT = 0.05  # sine of the bend below which the plane of bending is taken from other frames
 SLACKENS = 0.97  # of its length, from which a limb straightens ever more slowly
+NEAREST = 1e-3  # of its upper part: a foot is never pulled into the hip
 FARTHEST = 0.999  # of its length: a limb is never pulled quite straight
 
 Points = Float[np.ndarray, "frames 3"]
@@ -53,6 +54,9 @@ def bend_limb(
         world turns of the upper part (about the hip) and of the lower part.
     """
     upper, lower = knee - hip, foot - knee
+    way = goal - hip
+    near = np.linalg.norm(way, axis=1) < NEAREST * np.linalg.norm(upper, axis=1)
+    way = np.where(near[:, None], NEAREST * (foot - hip), way)  # no direction to turn to
     on_axis = np.einsum("fc,fc->f", upper, axis), np.einsum("fc,fc->f", lower, axis)
     flat = upper - on_axis[0][:, None] * axis, lower - on_axis[1][:, None] * axis
     sizes = np.linalg.norm(flat[0], axis=1) * np.linalg.norm(flat[1], axis=1)
@@ -62,13 +66,13 @@ def bend_limb(
         np.einsum("fc,fc->f", flat[0], flat[1]),
     )
     distance = soft_reach(
-        np.linalg.norm(foot - hip, axis=1), np.linalg.norm(goal - hip, axis=1), sum(lengths)
+        np.linalg.norm(foot - hip, axis=1), np.linalg.norm(way, axis=1), sum(lengths)
     )
     product = (distance**2 - lengths[0] ** 2 - lengths[1] ** 2) / 2 - on_axis[0] * on_axis[1]
     wanted = np.arccos(np.clip(product / np.maximum(sizes, 1e-12), -1.0, 1.0))
     knee_turn = vectors_to_matrices((wanted - bend)[:, None] * axis)
     bent = upper + np.einsum("fab,fb->fa", knee_turn, lower)
-    swing = rotation_between(bent, goal - hip)
+    swing = rotation_between(bent, way)
     return swing, swing @ knee_turn
 
 

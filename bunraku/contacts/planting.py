@@ -29,6 +29,7 @@ FARTHEST = 0.35  # of a leg's length: corrections beyond are none of feet
 HEAVY = 30.0  # a turn of a knee in radians, squared, against the hips' way in leg lengths, squared
 STRAIGHT = 0.05  # sine of half a bend that counts as straight
 DEEPEST = 0.15  # of a leg's length: how far hips may rise or sink
+LEAST_LEG = 1e-5  # of the figure's height: no part of a leg that bends is shorter
 UNDER = 0.4  # of its drop at rest: a leg that drops less lies or sits, and stands on nothing
 CLOSED = 0.01  # heights: how near the last frame is to the first in a clip that loops
 
@@ -63,6 +64,8 @@ def plant_feet(
         scale: figure to source, of the way the root travels.
     """
     paths, theirs, times = placed[..., :3, 3], performed.paths, performed.times
+    least = LEAST_LEG * scale * performed.height
+    legs = [leg for leg in legs if part_lengths(paths, leg).min() > least]
     contacts = [contacts_of(leg, performed) for leg in legs]
     if not any(found.touching.any() for found in contacts):
         return placed
@@ -225,10 +228,15 @@ def turn_rigidly(
     planted[:, joints] = frames[:, None] @ planted[:, joints]
 
 
+def part_lengths(paths: Paths, leg: Leg) -> Float[np.ndarray, "frames 2"]:
+    """Measure a leg from hip to knee, and from knee to foot, in metres."""
+    bends = paths[:, [leg.hip, leg.knee, leg.foot]]
+    return np.asarray(np.linalg.norm(np.diff(bends, axis=1), axis=2))
+
+
 def leg_length(paths: Paths, leg: Leg) -> float:
     """Measure a leg from hip over knee to foot, in metres; the shortest it gets."""
-    bends = paths[:, [leg.hip, leg.knee, leg.foot]]
-    return float(np.linalg.norm(np.diff(bends, axis=1), axis=2).sum(axis=1).min())
+    return float(part_lengths(paths, leg).sum(axis=1).min())
 
 
 def bound(shift: Float[np.ndarray, "frames 3"], most: float) -> Float[np.ndarray, "frames 3"]:

@@ -18,11 +18,12 @@ from bunraku.registration.search import Registration
 from bunraku.reposing import Reposed, repose
 from bunraku.retargeting import (
     Retarget,
+    carry_clips,
+    dress,
+    dress_source,
     heading_frames,
     plan_retarget,
-    retarget_clip,
     skeleton_of,
-    stand_floor_joints,
     turned_frames,
 )
 from bunraku.rotations import invert_rigid
@@ -82,9 +83,8 @@ def animate_from_rig(
     target = build_proxy(figure.vertices, figure.faces)
 
     watch.begin("registration")
-    registration, misplaced = register_with_landmarks(
-        body, target.mesh, landmarks, source.skeleton.names
-    )
+    names = source.skeleton.names
+    registration, misplaced = register_with_landmarks(body, target.mesh, landmarks, names)
     if registration.strain > MOST_STRAIN and not force:
         raise MatchError(
             f"the figure does not fit the performance (strain {registration.strain:.2f}, wanted at "
@@ -99,16 +99,15 @@ def animate_from_rig(
 
     watch.begin("rest pose")
     turns, trust = surface_turns(*body.surface, body.carriers, registration.fitted)
-    misfit, at_rest = registration.error, registration.at_rest
-    reposed = repose(joints, body, turns, trust, misfit=misfit, at_rest=at_rest)
-    plan = plan_retarget(body, reposed, figure, weights, source.skeleton)
-    reposed, plan = stand_floor_joints(body, reposed, plan)
+    misfit = registration.error
+    reposed = repose(joints, body, turns, trust, misfit=misfit, at_rest=registration.at_rest)
+    plan, reposed = plan_retarget(body, reposed, figure, weights, source.skeleton)
     bind = turned_frames(source.skeleton, reposed.found, reposed.heading @ reposed.turns)
 
     watch.begin("retargeting")
-    rest = heading_frames(plan)
-    carried = tuple(retarget_clip(c, plan) for c in (source.clips if clips is None else clips))
-    skin = Skin(weights, invert_rigid(bind))
+    worn = dress_source(body, source.skeleton), dress(target.mesh, figure, weights, bind)
+    plan, carried = carry_clips(source.clips if clips is None else clips, plan, *worn)
+    skin, rest = Skin(weights, invert_rigid(bind)), heading_frames(plan)
     return RigTransfer(
         *(body.proxy, target, registration, reposed, plan),
         Character(figure, skeleton_of(source.skeleton, bind), skin, carried),

@@ -92,3 +92,9 @@ def test_the_axis_turns_with_the_limb():
     axis = bending_axes(hip, knee, foot, TURNS, AHEAD)
     turned = bending_axes(hip, knee @ turn.T, foot @ turn.T, turn[None], AHEAD)
     np.testing.assert_allclose(turned, axis @ turn.T, atol=1e-12)
+
+
+def test_a_goal_in_the_hip_folds_the_limb_as_far_as_it_goes():
+    hip, knee, foot = limb(0.8, 0.0)
+    bent, met = solve(hip, knee, foot, hip)
+    assert np.isfinite(bent).all() and np.linalg.norm(met, axis=1).max() < 0.01

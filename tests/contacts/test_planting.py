@@ -99,6 +99,17 @@ def test_a_body_that_stands_on_nothing_is_left_alone(other, crouch):
     assert plant_feet(copied, other, (), crouch, scale=1.0) is copied
 
 
+def test_a_leg_without_length_is_left_alone(other, crouch):
+    """As where a figure has no legs, and all joints of one lie in one place."""
+    flat = other.copy()
+    flat[[2, 3]] = flat[1]
+    copied = pose(flat, *crouching())
+    planted = plant_feet(copied, flat, legs_of(), crouch, scale=1.0)
+    assert np.isfinite(planted).all()
+    np.testing.assert_allclose(planted[:, 2, :3, :3], copied[:, 2, :3, :3])
+    assert np.ptp(planted[:, 7, :3, 3], axis=0).max() < 1e-3
+
+
 def test_feet_on_a_treadmill_glide_at_the_figures_scale(other):
     still = np.zeros((61, 4))
     carried = -0.4 * TIMES[:, None] * [0.0, 0.0, 1.0]

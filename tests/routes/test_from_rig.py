@@ -5,7 +5,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 from trimesh.creation import torus
 
-from bunraku.meshes import closest_points
+from bunraku.formats import read_character, read_figure, write_character, write_mesh
+from bunraku.meshes import closest_points, interpolate, sample_surface
 from bunraku.rotations import rotation_angles
 from bunraku.routes import from_rig
 from bunraku.routes.from_rig import RigTransfer, animate_from_rig
@@ -16,7 +17,7 @@ from bunraku.skinning import (
     play_clip,
 )
 from bunraku.types import Character, MatchError, Mesh
-from tests.creatures import NAMES, make_creature, move, pose_of, world_pose
+from tests.creatures import JOINTS, NAMES, make_creature, move, pose_of, true_weights, world_pose
 
 SIZE = 1.7
 LEFT = Rotation.from_euler("y", 90, degrees=True).as_matrix()
@@ -165,6 +166,25 @@ def test_a_figure_of_another_kind_can_be_forced_by_a_source_without_clips(forced
 
 def test_a_figure_of_another_kind_is_refused(creature, ring, forced, monkeypatch):
     """By what the forced run has found, to save finding it again."""
-    monkeypatch.setattr(from_rig, "register_body", lambda *a, **k: forced.registration)
+    found = forced.registration, ()
+    monkeypatch.setattr(from_rig, "register_with_landmarks", lambda *_: found)
     with pytest.raises(MatchError, match="the figure does not fit the performance"):
         animate_from_rig(creature, ring)
+
+
+def test_a_scan_without_faces_goes_the_same_way(creature, rng, tmp_path):
+    """From a file of points to a file of moving points, with about the skin of the formula."""
+    face, shares = sample_surface(creature.mesh.vertices, creature.mesh.faces, 6000, rng)
+    points = interpolate(creature.mesh.vertices, creature.mesh.faces[face], shares)
+    write_mesh(tmp_path / "scan.ply", Mesh(points, np.zeros((0, 3), np.int64)))
+    scan = read_figure(tmp_path / "scan.ply")
+    found = animate_from_rig(creature, scan.mesh)
+    error = found.character.skin.weights - true_weights(scan.mesh.vertices)
+    assert np.abs(error).sum(axis=1).mean() / 2 < 0.06
+    assert np.linalg.norm(found.reposed.found - JOINTS, axis=1).max() < 0.06
+    write_character(tmp_path / "moving.glb", scan, found.character)
+    back = read_character(tmp_path / "moving.glb")
+    assert len(back.mesh.vertices) == 6000 and len(back.mesh.faces) == 0
+    frames = play_clip(back, back.clips[0], slice(None, None, 3))
+    expected = play_clip(found.character, found.character.clips[0], slice(None, None, 3))
+    np.testing.assert_allclose(frames, expected, atol=1e-3)
