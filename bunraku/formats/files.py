@@ -7,13 +7,14 @@ from contextlib import suppress
 from pathlib import Path
 from urllib.parse import unquote
 
+from bunraku import limits
+from bunraku.errors import Code
 from bunraku.types import FormatError
 
-LARGEST_FILE = 2 << 30
 Location = str | os.PathLike[str]
 
 
-def read_bytes(path: Location, *, limit: int = LARGEST_FILE) -> bytes:
+def read_bytes(path: Location, *, limit: int = limits.BYTES) -> bytes:
     """Read a whole file of at most `limit` bytes.
 
     Raises:
@@ -24,24 +25,33 @@ def read_bytes(path: Location, *, limit: int = LARGEST_FILE) -> bytes:
         with open(path, "rb") as stream:
             status = os.fstat(stream.fileno())
             if not stat.S_ISREG(status.st_mode):
-                raise FormatError(path, "", "is a device or pipe; give a regular file")
+                raise FormatError(
+                    path, "", "is a device or pipe; give a regular file", code=Code.FILE_DEVICE
+                )
             if status.st_size > limit:
                 raise FormatError(
-                    path, "", f"has {status.st_size} bytes, more than the {limit} allowed"
+                    path,
+                    "",
+                    f"has {status.st_size} bytes, more than the {limit} allowed",
+                    code=Code.LIMIT_BYTES,
                 )
             content = stream.read(limit + 1)
     except (OSError, ValueError) as error:
         if isinstance(error, FormatError):
             raise
-        raise FormatError(path, "", _reading_trouble(error)) from None
+        raise _reading_trouble(path, error) from None
     if not content:
-        raise FormatError(path, "", "is empty (0 bytes); export or download it again")
+        raise FormatError(
+            path, "", "is empty (0 bytes); export or download it again", code=Code.FILE_EMPTY
+        )
     if len(content) > limit:
-        raise FormatError(path, "", f"grew past {limit} bytes while it was read")
+        raise FormatError(
+            path, "", f"grew past {limit} bytes while it was read", code=Code.LIMIT_BYTES
+        )
     return content
 
 
-def read_beside(path: Location, uri: str, *, where: str = "", limit: int = LARGEST_FILE) -> bytes:
+def read_beside(path: Location, uri: str, *, where: str = "", limit: int = limits.BYTES) -> bytes:
     """Read a file that `path` names by a relative URI; it may not leave the folder of `path`.
 
     Args:
@@ -61,16 +71,26 @@ def read_beside(path: Location, uri: str, *, where: str = "", limit: int = LARGE
     try:
         if forbidden or not (beside := (folder / name).resolve()).is_relative_to(folder):
             raise FormatError(
-                path, where, f"refers to {shown!r}; only a relative path inside its folder is read"
+                path,
+                where,
+                f"refers to {shown!r}; only a relative path inside its folder is read",
+                code=Code.URI_FORBIDDEN,
             )
         if not beside.is_file():
-            raise FormatError(path, where, f"refers to {shown!r}, which is missing; put it beside")
+            raise FormatError(
+                path,
+                where,
+                f"refers to {shown!r}, which is missing; put it beside",
+                code=Code.URI_MISSING,
+            )
         return read_bytes(beside, limit=limit)
     except (OSError, ValueError, RuntimeError) as error:
         if isinstance(error, FormatError) and error.path == str(path):
             raise
         reason = error.message if isinstance(error, FormatError) else "cannot be a file name"
-        raise FormatError(path, where, f"refers to {shown!r}, which {reason}") from None
+        raise FormatError(
+            path, where, f"refers to {shown!r}, which {reason}", code=Code.URI_MISSING
+        ) from None
 
 
 def write_atomically(path: Location, content: bytes) -> None:
@@ -85,7 +105,7 @@ def write_atomically(path: Location, content: bytes) -> None:
     except ValueError as error:
         if isinstance(error, FormatError):
             raise
-        raise FormatError(path, "", _writing_trouble(error)) from None
+        raise FormatError(path, "", _writing_trouble(error), code=Code.OUT_FAILED) from None
     partial = target.with_name(f".{target.name[:40]}.{secrets.token_hex(6)}")
     try:
         with open(partial, "xb") as stream:
@@ -98,18 +118,20 @@ def write_atomically(path: Location, content: bytes) -> None:
         with suppress(OSError):
             partial.unlink()
         if isinstance(error, OSError | ValueError):
-            raise FormatError(path, "", _writing_trouble(error)) from None
+            raise FormatError(path, "", _writing_trouble(error), code=Code.OUT_FAILED) from None
         raise
 
 
 def _refuse_target(path: Location, target: Path) -> None:
     """Raise a FormatError if something that must stay is where the file would go."""
     if target.is_dir():
-        raise FormatError(path, "", "is a folder; name a file to write")
+        raise FormatError(path, "", "is a folder; name a file to write", code=Code.OUT_PLACE)
     if target.exists() and not target.is_file():
-        raise FormatError(path, "", "is a device or pipe; name a file to write")
+        raise FormatError(
+            path, "", "is a device or pipe; name a file to write", code=Code.OUT_PLACE
+        )
     if target.exists() and not os.access(target, os.W_OK):
-        raise FormatError(path, "", "is write-protected; choose another name")
+        raise FormatError(path, "", "is write-protected; choose another name", code=Code.OUT_PLACE)
 
 
 def _sync_folder(folder: Path) -> None:
@@ -122,18 +144,21 @@ def _sync_folder(folder: Path) -> None:
         os.close(handle)
 
 
-def _reading_trouble(error: Exception) -> str:
+def _reading_trouble(path: Location, error: Exception) -> FormatError:
     """Say why a file cannot be read, and what to do."""
     match error:
         case FileNotFoundError():
-            return "does not exist; check the name and the folder"
+            message, code = "does not exist; check the name and the folder", Code.FILE_MISSING
         case IsADirectoryError():
-            return "is a folder; give a file"
+            message, code = "is a folder; give a file", Code.FILE_FOLDER
         case PermissionError():
-            return "may not be read; check its permissions"
+            message, code = "may not be read; check its permissions", Code.FILE_DENIED
         case OSError():
-            return f"cannot be read ({error.strerror}); check the name"
-    return "cannot be a file name"
+            reason = f"cannot be read ({error.strerror}); check the name"
+            message, code = reason, Code.FILE_UNREADABLE
+        case _:
+            message, code = "cannot be a file name", Code.FILE_UNREADABLE
+    return FormatError(path, "", message, code=code)
 
 
 def _writing_trouble(error: Exception) -> str:

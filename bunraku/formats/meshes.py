@@ -1,13 +1,14 @@
 """OBJ, PLY, STL and OFF in, behind checks of what their headers claim; OBJ and PLY out."""
 
 import io
-import logging
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
+from bunraku import limits
+from bunraku.errors import Code, announce
 from bunraku.formats.files import Location
 from bunraku.formats.headers import check_ply, check_stl
 from bunraku.formats.obj import read_obj
@@ -16,11 +17,6 @@ from bunraku.formats.pieces import Material, Piece
 from bunraku.formats.ply_polygons import split_polygons
 from bunraku.formats.polygons import triangulate
 from bunraku.types import FormatError, Mesh
-
-MOST_VERTICES = 5_000_000
-_LARGEST_COORDINATE = 1e37  # room for products in float32, which GLB stores
-
-logger = logging.getLogger(__name__)
 
 
 def read_pieces(path: Location, content: bytes, kind: str) -> tuple[list[Piece], list[Material]]:
@@ -34,14 +30,21 @@ def read_pieces(path: Location, content: bytes, kind: str) -> tuple[list[Piece],
     pieces, materials = _read(path, content, kind)
     count = sum(len(piece.positions) for piece in pieces)
     if not count:
-        raise FormatError(path, "", "holds no vertices; export it again with geometry")
-    if count > MOST_VERTICES:
-        raise FormatError(path, "", f"has {count} vertices, at most {MOST_VERTICES}; decimate it")
+        raise FormatError(
+            path, "", "holds no vertices; export it again with geometry", code=Code.MESH_EMPTY
+        )
+    if count > limits.VERTICES:
+        raise FormatError(
+            path,
+            "",
+            f"has {count} vertices, at most {limits.VERTICES}; decimate it",
+            code=Code.LIMIT_VERTICES,
+        )
     for piece in pieces:
         _check_piece(path, piece)
     _check_extent(path, pieces)
     if not any(len(piece.faces) for piece in pieces):
-        logger.warning("%s: has no faces; it is taken as a point cloud", path)
+        announce(path, "has no faces; it is taken as a point cloud", code=Code.MESH_POINTS)
     return pieces, materials
 
 
@@ -59,13 +62,14 @@ def _read(path: Location, content: bytes, kind: str) -> tuple[list[Piece], list[
 
 def _check_piece(path: Location, piece: Piece) -> None:
     """Refuse coordinates and indices that mean nothing."""
-    wrong = ~(np.abs(piece.positions) < _LARGEST_COORDINATE).all(axis=1)
+    wrong = ~(np.abs(piece.positions) < limits.COORDINATE).all(axis=1)
     if wrong.any():
         first = int(wrong.argmax())
         raise FormatError(
             path,
             f"vertex {first}",
             f"is {piece.positions[first].tolist()}; wanted finite numbers, export it again",
+            code=Code.MESH_NONFINITE,
         )
     outside = ((piece.faces < 0) | (piece.faces >= len(piece.positions))).any(axis=1)
     if outside.any():
@@ -75,6 +79,7 @@ def _check_piece(path: Location, piece: Piece) -> None:
             f"face {first}",
             f"is {piece.faces[first].tolist()}, but there are {len(piece.positions)} vertices, "
             "counted from 0; export it again",
+            code=Code.MESH_INDEX,
         )
 
 
@@ -86,7 +91,12 @@ def _check_extent(path: Location, pieces: list[Piece]) -> None:
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         area += float(np.linalg.norm(normals, axis=1).sum())
     if any(len(piece.faces) for piece in pieces) and area <= 1e-14:
-        raise FormatError(path, "", "has faces, but no area: they are points or lines; check it")
+        raise FormatError(
+            path,
+            "",
+            "has faces, but no area: they are points or lines; check it",
+            code=Code.MESH_NO_AREA,
+        )
 
 
 def _read_ply(path: Location, content: bytes) -> list[Piece]:
@@ -99,7 +109,12 @@ def _read_ply(path: Location, content: bytes) -> list[Piece]:
     wrong = (corners < 0) | (corners >= len(pieces[0].positions))
     if wrong.any():
         face = int(np.searchsorted(starts, wrong.argmax(), side="right")) - 1
-        raise FormatError(path, f"face {face}", "has a corner that is no vertex; export it again")
+        raise FormatError(
+            path,
+            f"face {face}",
+            "has a corner that is no vertex; export it again",
+            code=Code.MESH_INDEX,
+        )
     faces, _ = triangulate(pieces[0].positions, corners, starts)
     return [replace(pieces[0], faces=corners[faces])]
 
@@ -117,7 +132,10 @@ def _read_with_trimesh(path: Location, content: bytes, kind: str) -> list[Piece]
     except Exception as error:  # trimesh raises almost anything on damaged files
         reason = " ".join(str(error).split())[:80]
         raise FormatError(
-            path, "", f"is a damaged {kind.upper()} file ({type(error).__name__}: {reason})"
+            path,
+            "",
+            f"is a damaged {kind.upper()} file ({type(error).__name__}: {reason})",
+            code=Code.MESH_DAMAGED,
         ) from None
 
 

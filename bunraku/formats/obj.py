@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
+from bunraku.errors import NOTE, WARNING, Code, announce
 from bunraku.formats.files import Location
 from bunraku.formats.materials import read_materials
 from bunraku.formats.pieces import Material, Piece
@@ -40,10 +41,10 @@ class _Lines:
         """Number the lines of a kind."""
         return np.flatnonzero(self.kinds == kind)
 
-    def trouble(self, line: int, message: str) -> FormatError:
+    def trouble(self, line: int, message: str, *, code: Code) -> FormatError:
         """Make the error that names a line and shows it."""
         shown = self.lines[line] if len(self.lines[line]) <= 50 else self.lines[line][:47] + "..."
-        return FormatError(self.path, f"line {line + 1}", f"{message}, got {shown!r}")
+        return FormatError(self.path, f"line {line + 1}", f"{message}, got {shown!r}", code=code)
 
 
 def read_obj(path: Location, content: bytes) -> tuple[list[Piece], list[Material]]:
@@ -59,7 +60,9 @@ def read_obj(path: Location, content: bytes) -> tuple[list[Piece], list[Material
     positions, colours = _read_positions(text)
     uvs, normals = _read_columns(text, _UV, 2), _read_columns(text, _NORMAL, 3)
     if not len(text.of(_FACE)):
-        raise FormatError(path, "", "has no faces (f lines); export it as a mesh")
+        raise FormatError(
+            path, "", "has no faces (f lines); export it as a mesh", code=Code.MESH_EMPTY
+        )
     corners, starts = _read_faces(text, (len(positions), len(uvs), len(normals)))
     materials = read_materials(path, [text.lines[i] for i in text.of(_LIBRARY)])
     faces, polygon_of = triangulate(positions, corners[:, 0], starts)
@@ -102,7 +105,9 @@ def _numbers(text: _Lines, where: Int[np.ndarray, " found"], rows: list[list[str
     except ValueError:
         for line, row in zip(where, rows, strict=True):
             if not all(_is_number(word) for word in row):
-                raise text.trouble(int(line), "wanted numbers with a decimal point") from None
+                raise text.trouble(
+                    int(line), "wanted numbers with a decimal point", code=Code.MESH_NUMBER
+                ) from None
         raise
 
 
@@ -123,7 +128,7 @@ def _table(
     counts = np.fromiter(map(len, rows), np.int64, len(rows))
     wrong = ~np.isin(counts, sizes)
     if wrong.any():
-        raise text.trouble(int(where[wrong.argmax()]), f"wanted {what}")
+        raise text.trouble(int(where[wrong.argmax()]), f"wanted {what}", code=Code.MESH_NUMBER)
     return where, counts, _numbers(text, where, rows)
 
 
@@ -136,7 +141,9 @@ def _read_positions(
     positions = numbers[starts[:, None] + np.arange(3)] if len(where) else np.empty((0, 3))
     wrong = ~np.isfinite(positions).all(axis=1)
     if wrong.any():
-        raise text.trouble(int(where[wrong.argmax()]), "wanted finite coordinates")
+        raise text.trouble(
+            int(where[wrong.argmax()]), "wanted finite coordinates", code=Code.MESH_NONFINITE
+        )
     if not (counts >= 6).any():
         return positions, None
     coloured = counts >= 6
@@ -165,7 +172,11 @@ def _read_faces(
     rows = [text.lines[i].split("#", 1)[0].split()[1:] for i in where]
     counts = np.fromiter(map(len, rows), np.int64, len(rows))
     if (counts < 3).any():
-        raise text.trouble(int(where[(counts < 3).argmax()]), "wanted at least three corners")
+        raise text.trouble(
+            int(where[(counts < 3).argmax()]),
+            "wanted at least three corners",
+            code=Code.MESH_CORNERS,
+        )
     line_of = np.repeat(where, counts)
     corners = _corner_numbers(text, line_of, [word for row in rows for word in row])
     for column, (kind, what) in enumerate(((_POSITION, "v"), (_UV, "vt"), (_NORMAL, "vn"))):
@@ -177,10 +188,12 @@ def _read_faces(
         if not wrong.any():
             continue
         message = f"wanted {what} indices from 1 to {sizes[column]}"
-        trouble = text.trouble(int(line_of[wrong.argmax()]), message)
+        trouble = text.trouble(int(line_of[wrong.argmax()]), message, code=Code.MESH_INDEX)
         if column == 0:
             raise trouble
-        logger.warning("%s; all %s are left out", trouble, what)
+        message = f"{trouble.message}; all {what} are left out"
+        level = WARNING if sizes[column] else NOTE
+        announce(text.path, message, code=Code.MESH_LEFT_OUT, where=trouble.where, level=level)
         corners[:, column] = 0
     return corners - 1, np.concatenate([[0], np.cumsum(counts)])
 
@@ -204,7 +217,7 @@ def _corner_numbers(
             corners[place] = _corner(word)
         except (ValueError, OverflowError):
             message = "wanted whole numbers such as 7/2/5"
-            raise text.trouble(int(line_of[place]), message) from None
+            raise text.trouble(int(line_of[place]), message, code=Code.MESH_NUMBER) from None
     return corners
 
 

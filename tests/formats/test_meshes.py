@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import trimesh
 
-from bunraku.formats import meshes
 from bunraku.formats.meshes import encode_obj, encode_ply, merge_pieces, read_pieces
 from bunraku.formats.pieces import Piece
 from bunraku.types import FormatError, Mesh
@@ -94,6 +93,6 @@ def test_geometry_that_means_nothing_is_refused(content, kind, message):
 
 
 def test_too_many_vertices_are_refused(cube, monkeypatch):
-    monkeypatch.setattr(meshes, "MOST_VERTICES", 7)
+    monkeypatch.setattr("bunraku.limits.VERTICES", 7)
     with pytest.raises(FormatError, match="has 8 vertices, at most 7; decimate it"):
         read_pieces("a.obj", encode_obj(cube), "obj")

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from bunraku.errors import Code
 from bunraku.formats.gltf.accessors import read_floats
 from bunraku.formats.gltf.document import Document
 from bunraku.formats.gltf.geometry import Block
@@ -37,7 +38,9 @@ def read_inverse_bind(document: Document, skin: int) -> Float[np.ndarray, "joint
         return np.tile(np.eye(4), (count, 1, 1))
     columns = read_floats(document, accessor.inverse_bind_matrices, 16)
     if len(columns) < count:
-        raise document.fault(where, f"{len(columns)} matrices for {count} joints")
+        raise document.fault(
+            where, f"{len(columns)} matrices for {count} joints", code=Code.SKIN_BIND
+        )
     matrices = columns[:count].reshape(-1, 4, 4).transpose(0, 2, 1).copy()
     matrices[:, 3] = 0, 0, 0, 1
     finite = np.isfinite(matrices).all(axis=(1, 2))
@@ -45,7 +48,7 @@ def read_inverse_bind(document: Document, skin: int) -> Float[np.ndarray, "joint
     flat = ~(np.abs(volume) > 1e-30)
     if flat.any():
         message = f"matrix {int(flat.argmax())} is NaN or cannot be inverted; bind the mesh again"
-        raise document.fault(where, message)
+        raise document.fault(where, message, code=Code.SKIN_BIND)
     return matrices
 
 

@@ -17,6 +17,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial.transform import Rotation
 
+from bunraku import limits
+from bunraku.errors import Code
 from bunraku.formats.gltf.document import Document
 from bunraku.formats.gltf.tracks import Track, Values, choose_times, read_tracks, sample_tracks
 from bunraku.formats.gltf.tree import Tree
@@ -74,12 +76,22 @@ def read_clips(document: Document, tree: Tree, frames: Frames) -> tuple[Clip, ..
         FormatError: if a clip is damaged.
     """
     between = {node for chain in frames.chains for node in chain}
-    moving, clips = between | set(frames.nodes), []
+    moving, clips, total = between | set(frames.nodes), [], 0
     for index, animation in enumerate(document.gltf.animations):
+        if not animation.channels:
+            where, code = f"/animations/{index}", Code.CLIP_CHANNEL
+            document.warn(where, "has no channels: nothing moves; left out", code=code)
         tracks = read_tracks(document, index, moving)
         if tracks:
             is_bent = any(_bends(track, between) for track in tracks)
             times = choose_times(document, index, tracks, dense=is_bent)
+            total += len(times) * len(frames.nodes)
+            if total > limits.JOINT_FRAMES:
+                message = (
+                    f"clips up to this one are {total} joints times frames, at most "
+                    f"{limits.JOINT_FRAMES} are read; leave some out"
+                )
+                raise document.fault(f"/animations/{index}", message, code=Code.LIMIT_TOTAL)
             parts = _move_joints(tree, frames, sample_tracks(tracks, times), count=len(times))
             clips.append(Clip(animation.name or f"clip_{index}", times, *parts))
     return tuple(clips)

@@ -117,7 +117,7 @@ class Node(Struct):
 class Skin(Struct, rename="camel"):
     """Joints, and where each was when the mesh was bound."""
 
-    joints: Annotated[list[Index], Meta(min_length=1, max_length=4096)]
+    joints: Annotated[list[Index], Meta(min_length=1)]
     inverse_bind_matrices: Index | None = None
     skeleton: Index | None = None
     name: str | None = None
@@ -154,8 +154,8 @@ class Sampler(Struct):
 class Animation(Struct):
     """A clip."""
 
-    channels: Annotated[list[Channel], Meta(min_length=1)]
-    samplers: Annotated[list[Sampler], Meta(min_length=1)]
+    channels: list[Channel] = []
+    samplers: list[Sampler] = []
     name: str | None = None
 
 
@@ -184,7 +184,7 @@ class Gltf(Struct, rename="camel"):
     images: list[Image] = []
     materials: list[Material] = []
     meshes: list[Mesh] = []
-    nodes: Annotated[list[Node], Meta(max_length=100_000)] = []
+    nodes: list[Node] = []
     scenes: list[Scene] = []
     scene: Index | None = None
     skins: list[Skin] = []

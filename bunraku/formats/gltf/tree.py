@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from bunraku.errors import Code
 from bunraku.formats.gltf.document import Document
 from bunraku.rotations import (
     compose_transforms,
@@ -51,7 +52,9 @@ def build_tree(document: Document) -> Tree:
             world[node] = world[parents[node]] @ local[node]
     if not np.isfinite(world).all():
         first = int((~np.isfinite(world)).any(axis=(1, 2)).argmax())
-        raise document.fault(f"/nodes/{first}", "transform is too large to compute with")
+        raise document.fault(
+            f"/nodes/{first}", "transform is too large to compute with", code=Code.NODE_TRANSFORM
+        )
     is_shown = _find_shown(document, parents, order)
     return Tree(parents, order, translations, rotations, scales, local, world, is_shown)
 
@@ -63,7 +66,7 @@ def _find_parents(document: Document) -> Int[np.ndarray, " nodes"]:
             where = f"/nodes/{index}/children/{position}"
             if parents[child] != NO_PARENT:
                 message = f"node {child} has two parents, {parents[child]} and {index}"
-                raise document.fault(where, message)
+                raise document.fault(where, message, code=Code.NODE_TREE)
             parents[child] = index
     return parents
 
@@ -77,7 +80,9 @@ def _sort_nodes(document: Document, parents: Int[np.ndarray, " nodes"]) -> tuple
         waiting += reversed(document.gltf.nodes[order[-1]].children)
     if len(order) < len(parents):
         lost = min(set(range(len(parents))) - set(order))
-        raise document.fault(f"/nodes/{lost}", "node is its own ancestor; break the circle")
+        raise document.fault(
+            f"/nodes/{lost}", "node is its own ancestor; break the circle", code=Code.NODE_TREE
+        )
     return tuple(order)
 
 
@@ -116,12 +121,22 @@ def _read_transforms(document: Document) -> tuple[np.ndarray, ...]:
 def _read_matrix(document: Document, index: int, numbers: list[float]) -> Float[np.ndarray, "4 4"]:
     node, where = document.gltf.nodes[index], f"/nodes/{index}/matrix"
     if node.translation or node.rotation or node.scale:
-        document.warn(f"{where}: translation, rotation or scale beside a matrix are ignored")
+        document.warn(
+            where,
+            "translation, rotation or scale beside a matrix are ignored",
+            code=Code.NODE_TRANSFORM,
+        )
     matrix = np.array(numbers, float).reshape(4, 4).T
     if abs(np.linalg.det(matrix[:3, :3])) < 1e-30:
-        raise document.fault(where, "matrix flattens everything below it; give it a volume")
+        raise document.fault(
+            where, "matrix flattens everything below it; give it a volume", code=Code.NODE_TRANSFORM
+        )
     if not np.allclose(matrix[3], (0, 0, 0, 1), atol=1e-5):
-        raise document.fault(where, "last row must be 0 0 0 1; matrices are stored by columns")
+        raise document.fault(
+            where,
+            "last row must be 0 0 0 1; matrices are stored by columns",
+            code=Code.NODE_TRANSFORM,
+        )
     matrix[3] = 0, 0, 0, 1
     return matrix
 
@@ -132,8 +147,14 @@ def _repair_rotations(
     lengths = np.linalg.norm(rotations, axis=1)
     if (lengths < 1e-6).any():
         where = f"/nodes/{int((lengths < 1e-6).argmax())}/rotation"
-        raise document.fault(where, "rotation is a zero quaternion; use 0 0 0 1 for none")
+        raise document.fault(
+            where, "rotation is a zero quaternion; use 0 0 0 1 for none", code=Code.NODE_TRANSFORM
+        )
     odd = np.abs(lengths - 1) > 1e-2
     if odd.any():
-        document.warn(f"{odd.sum()} node rotations were not unit quaternions and were normalised")
+        document.warn(
+            "/nodes",
+            f"{odd.sum()} node rotations were not unit quaternions and were normalised",
+            code=Code.NODE_TRANSFORM,
+        )
     return rotations / lengths[:, None]
