@@ -2,7 +2,6 @@
 
 import logging
 import sys
-import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
@@ -19,7 +18,7 @@ from bunraku.cli.failures import about, printing_warnings
 from bunraku.errors import NOTE, Code, announce
 from bunraku.evaluate.report import report_transfer
 from bunraku.formats import read_character, read_motion
-from bunraku.formats.files import read_bytes, write_atomically
+from bunraku.formats.files import check_place, read_bytes, write_atomically
 from bunraku.formats.sniffing import sniff
 from bunraku.humanoids import transfer_motion
 from bunraku.routes.from_rig import RigTransfer, animate_from_rig
@@ -51,12 +50,7 @@ def check_output(
         raise FormatError(path, "", "is also read; write to another file", code=Code.OUT_PLACE)
     if path.is_dir():
         raise FormatError(path, "", "is a folder; name a file in it", code=Code.OUT_PLACE)
-    try:
-        with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f".{path.stem[:40]}."):
-            pass
-    except OSError as error:
-        reason = f"cannot be written ({error.strerror}); choose a folder that exists and is open"
-        raise FormatError(path, "", reason, code=Code.OUT_PLACE) from error
+    check_place(path)
 
 
 def read_performer(path: Path | None) -> Character:

@@ -1,10 +1,13 @@
 """Bytes in and out: reading with a cap, files named by other files, writing that is never torn."""
 
+import errno
 import os
 import secrets
 import stat
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import BinaryIO
 from urllib.parse import unquote
 
 from bunraku import limits
@@ -99,26 +102,118 @@ def write_atomically(path: Location, content: bytes) -> None:
     Raises:
         FormatError: if it cannot be written; nothing is left behind then.
     """
+    target = _find_target(path)
+    try:
+        folder = os.open(target.parent, os.O_RDONLY)
+        try:
+            _write_beside(target, content, folder)
+            with suppress(OSError):  # some file systems cannot sync a folder
+                os.fsync(folder)
+        finally:
+            os.close(folder)
+    except OSError as error:
+        raise FormatError(path, "", _writing_trouble(error), code=Code.OUT_FAILED) from None
+
+
+def check_place(path: Location) -> None:
+    """Refuse a file that could not be written, before the long work that leads to it.
+
+    Raises:
+        FormatError: if its folder is missing or closed to us, or something else is in its place.
+    """
+    target = _find_target(path)
+    try:
+        handle = _open_nameless(target.parent)
+        if handle is not None:
+            os.close(handle)
+            return
+        partial = _name_partial(target)
+        with _removed_on_failure(partial):
+            partial.touch(exist_ok=False)
+        partial.unlink()
+    except OSError as error:
+        raise FormatError(path, "", _writing_trouble(error), code=Code.OUT_PLACE) from None
+
+
+def _find_target(path: Location) -> Path:
+    """Follow links to where a file really goes."""
     try:
         target = Path(os.path.realpath(path))
         _refuse_target(path, target)
-    except ValueError as error:
-        if isinstance(error, FormatError):
-            raise
-        raise FormatError(path, "", _writing_trouble(error), code=Code.OUT_FAILED) from None
-    partial = target.with_name(f".{target.name[:40]}.{secrets.token_hex(6)}")
+    except FormatError:
+        raise
+    except (OSError, ValueError) as error:
+        raise FormatError(path, "", _writing_trouble(error), code=Code.OUT_PLACE) from None
+    return target
+
+
+def _open_nameless(folder: Path) -> int | None:
+    """Open a file that has no name yet, and is gone when the program is killed; Linux has such.
+
+    Raises:
+        OSError: if there can be no new files in the folder.
+    """
+    if not hasattr(os, "O_TMPFILE") or not os.path.exists("/proc/self/fd"):
+        return None
     try:
+        return os.open(folder, os.O_WRONLY | os.O_TMPFILE, 0o666)
+    except OSError as error:
+        if error.errno in (errno.EOPNOTSUPP, errno.EISDIR, errno.EINVAL):
+            return None  # not on this file system
+        raise
+
+
+def _write_beside(target: Path, content: bytes, folder: int) -> None:
+    """Write a file without a name, then give it one.
+
+    Where nothing has the target's name, it gets that at once; else it has another for a moment,
+    to replace the old file with.
+    """
+    handle = _open_nameless(target.parent)
+    if handle is None:
+        return _write_and_rename(target, content)
+    with os.fdopen(handle, "wb") as stream:
+        _write_through(stream, content)
+        source = f"/proc/self/fd/{handle}"
+        with suppress(FileExistsError):
+            os.link(source, target.name, dst_dir_fd=folder)
+            return None
+        partial = _name_partial(target)
+        with _removed_on_failure(partial):
+            os.link(source, partial.name, dst_dir_fd=folder)
+            os.replace(partial, target)
+    return None
+
+
+def _write_and_rename(target: Path, content: bytes) -> None:
+    """Write a file under another name, then rename it."""
+    partial = _name_partial(target)
+    with _removed_on_failure(partial):
         with open(partial, "xb") as stream:
-            stream.write(content)
-            stream.flush()
-            os.fsync(stream.fileno())
+            _write_through(stream, content)
         os.replace(partial, target)
-        _sync_folder(target.parent)
-    except BaseException as error:
+
+
+def _name_partial(target: Path) -> Path:
+    """Name a file that is not finished."""
+    return target.with_name(f".{target.name[:40]}.{secrets.token_hex(6)}")
+
+
+def _write_through(stream: BinaryIO, content: bytes) -> None:
+    """Write to the disk itself."""
+    stream.write(content)
+    stream.flush()
+    os.fsync(stream.fileno())
+
+
+@contextmanager
+def _removed_on_failure(partial: Path) -> Iterator[None]:
+    """Remove a file if anything goes wrong."""
+    try:
+        yield
+    except BaseException:
         with suppress(OSError):
             partial.unlink()
-        if isinstance(error, OSError | ValueError):
-            raise FormatError(path, "", _writing_trouble(error), code=Code.OUT_FAILED) from None
         raise
 
 
@@ -132,16 +227,6 @@ def _refuse_target(path: Location, target: Path) -> None:
         )
     if target.exists() and not os.access(target, os.W_OK):
         raise FormatError(path, "", "is write-protected; choose another name", code=Code.OUT_PLACE)
-
-
-def _sync_folder(folder: Path) -> None:
-    """Make the renaming itself survive a power cut, where the system can."""
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        with suppress(OSError):  # some file systems cannot sync a folder
-            os.fsync(handle)
-    finally:
-        os.close(handle)
 
 
 def _reading_trouble(path: Location, error: Exception) -> FormatError:

@@ -214,6 +214,9 @@ def _vector(array: Float[np.ndarray, "3"]) -> Vector:
 
 def _inspect_surface(found: Inspection, mesh: Mesh) -> Inspection:
     """Add what the geometry shows to an inspection, and announce what is odd about it."""
+    if not np.ptp(mesh.vertices, axis=0).any():
+        message = "all vertices lie at one point; export it again with its shape"
+        raise FormatError(found.path, "/meshes", message, code=Code.MESH_NO_AREA)
     surface = measure_surface(mesh)
     check_surface(found.path, mesh, surface)
     found = _add_bounds(found, mesh.vertices[surface.used] if len(mesh.faces) else mesh.vertices)

@@ -42,7 +42,6 @@ def read_pieces(path: Location, content: bytes, kind: str) -> tuple[list[Piece],
         )
     for piece in pieces:
         _check_piece(path, piece)
-    _check_extent(path, pieces)
     if not any(len(piece.faces) for piece in pieces):
         announce(path, "has no faces; it is taken as a point cloud", code=Code.MESH_POINTS)
     return pieces, materials
@@ -80,22 +79,6 @@ def _check_piece(path: Location, piece: Piece) -> None:
             f"is {piece.faces[first].tolist()}, but there are {len(piece.positions)} vertices, "
             "counted from 0; export it again",
             code=Code.MESH_INDEX,
-        )
-
-
-def _check_extent(path: Location, pieces: list[Piece]) -> None:
-    """Refuse a figure of which all triangles are points or lie on one line."""
-    area = 0.0
-    for piece in pieces:
-        corners = piece.positions[piece.faces] / (np.abs(piece.positions).max() or 1.0)
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        area += float(np.linalg.norm(normals, axis=1).sum())
-    if any(len(piece.faces) for piece in pieces) and area <= 1e-14:
-        raise FormatError(
-            path,
-            "",
-            "has faces, but no area: they are points or lines; check it",
-            code=Code.MESH_NO_AREA,
         )
 
 

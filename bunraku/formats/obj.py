@@ -221,7 +221,8 @@ def _corner(word: bytes) -> list[int]:
 
 def _value(text: Lines, line: int) -> str:
     """Give what stands behind the keyword of a line."""
-    return (text.show(line).split(None, 1) + [""])[1].strip()
+    _, _, value = text.show(line).replace("\t", " ").partition(" ")
+    return value.strip()
 
 
 def _parts(

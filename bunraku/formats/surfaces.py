@@ -67,10 +67,12 @@ def check_surface(path: Location, mesh: Mesh, surface: Surface) -> None:
     corners = mesh.vertices / (np.abs(mesh.vertices[surface.used]).max() or 1.0)
     areas = np.linalg.norm(face_normals(corners, mesh.faces), axis=1)
     extent = np.ptp(mesh.vertices[surface.used], axis=0)
-    count = len(mesh.faces)
+    count, empty = len(mesh.faces), int((areas <= NO_AREA).sum())
+    if empty == count:
+        announce(path, "no face has an area: it cannot be animated", code=Code.MESH_NO_AREA)
     flat = int(extent.min() < FLAT * extent.max())
     odd = (
-        (Code.MESH_ZERO_AREA, int((areas <= NO_AREA).sum()), "faces have no area", WARNING),
+        (Code.MESH_ZERO_AREA, empty * (empty < count), "faces have no area", WARNING),
         (Code.MESH_FLAT, flat, "sheet: the figure has no thickness", NOTE),
         (Code.MESH_FEW_FACES, count * (count < FEW_FACES), "faces are few", NOTE),
         (Code.MESH_UNUSED, int((~surface.used).sum()), "vertices belong to no face", NOTE),

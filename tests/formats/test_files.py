@@ -3,7 +3,7 @@ import os
 import pytest
 
 from bunraku.formats import files
-from bunraku.formats.files import read_beside, read_bytes, write_atomically
+from bunraku.formats.files import check_place, read_beside, read_bytes, write_atomically
 from bunraku.types import FormatError
 
 
@@ -32,14 +32,34 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path, monkeypat
     assert (tmp_path / "a.bin").read_bytes() == b"old"
 
 
-def test_an_interrupted_write_leaves_nothing(tmp_path, monkeypatch):
-    def interrupt(source, target):
+@pytest.mark.parametrize("nameless", [True, False])
+@pytest.mark.parametrize("old", [b"", b"old"])
+def test_an_interrupted_write_leaves_nothing(tmp_path, monkeypatch, nameless, old):
+    def interrupt(*_, **__):
         raise KeyboardInterrupt
 
+    if old:
+        (tmp_path / "a.bin").write_bytes(old)
+    if not nameless:
+        monkeypatch.setattr(files, "_open_nameless", lambda folder: None)
     monkeypatch.setattr(files.os, "replace", interrupt)
+    monkeypatch.setattr(files.os, "fsync", interrupt)
     with pytest.raises(KeyboardInterrupt):
         write_atomically(tmp_path / "a.bin", b"new")
-    assert os.listdir(tmp_path) == []
+    monkeypatch.undo()
+    assert os.listdir(tmp_path) == (["a.bin"] if old else [])
+    assert not old or (tmp_path / "a.bin").read_bytes() == old
+
+
+@pytest.mark.parametrize("nameless", [True, False])
+def test_old_and_new_files_are_written_whole(tmp_path, monkeypatch, nameless):
+    if not nameless:
+        monkeypatch.setattr(files, "_open_nameless", lambda folder: None)
+    for content in (b"first", b"second"):
+        write_atomically(tmp_path / "a.bin", content)
+        assert (tmp_path / "a.bin").read_bytes() == content
+    check_place(tmp_path / "b.bin")
+    assert os.listdir(tmp_path) == ["a.bin"]
 
 
 def test_a_link_is_written_through(tmp_path):

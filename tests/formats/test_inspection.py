@@ -4,7 +4,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from bunraku.formats import inspect, write_mesh
+from bunraku.errors import Code
+from bunraku.formats import inspect, read_figure, write_mesh
 from bunraku.types import FormatError, Mesh
 
 
@@ -127,3 +128,14 @@ def test_a_file_with_nothing_in_it_is_refused(tmp_path):
     (tmp_path / "a.gltf").write_text('{"asset": {"version": "2.0"}}')
     with pytest.raises(FormatError, match="shows no mesh and holds no rig"):
         inspect(tmp_path / "a.gltf")
+
+
+def test_a_surface_without_area_is_a_warning_and_no_figure(told, tmp_path):
+    line = Mesh(np.array([[0.0, 0, 0], [1, 1, 1], [2, 2, 2]]), np.array([[0, 1, 2]]))
+    for name in ("a.obj", "a.ply", "a.glb"):
+        assert codes(told(line, name))["MESH_NO_AREA"].severity == "warning"
+        with pytest.raises(FormatError, match="every triangle has zero area") as caught:
+            read_figure(tmp_path / name)
+        assert caught.value.code is Code.MESH_NO_AREA
+    with pytest.raises(FormatError, match="all vertices lie at one point"):
+        told(Mesh(np.ones((3, 3)), line.faces))

@@ -46,13 +46,20 @@ def read_figure(
         those of the file, in its order.
 
     Raises:
-        FormatError: if the file cannot be trusted, or shows no triangles.
+        FormatError: if the file cannot be trusted, or shows no surface of any area.
     """
     document = read_document(path, content)
     tree = build_tree(document)
     blocks = read_blocks(document, tree)
     turn = np.eye(4) if world_from_file is None else world_from_file
-    return build_figure(document, tree, blocks, world_from_file=turn)
+    figure = build_figure(document, tree, blocks, world_from_file=turn)
+    if len(figure.mesh.faces) and not face_normals(figure.mesh.vertices, figure.mesh.faces).any():
+        raise document.fault(
+            "/meshes",
+            "every triangle has zero area; export the surface again",
+            code=Code.MESH_NO_AREA,
+        )
+    return figure
 
 
 def build_figure(
@@ -68,12 +75,6 @@ def build_figure(
     binding = bind_skins(document, tree, blocks)
     places = np.stack([world_from_file @ place_block(document, tree, binding, b) for b in blocks])
     mesh = join_blocks(document, blocks, places)
-    if len(mesh.faces) and not face_normals(mesh.vertices, mesh.faces).any():
-        raise document.fault(
-            "/meshes",
-            "every triangle has zero area; export the surface again",
-            code=Code.MESH_NO_AREA,
-        )
     sizes = [len(block.vertices) for block in blocks]
     kept = FigureDocument(document, tree, tuple(blocks), places, world_from_file)
     pieces = np.repeat(np.arange(len(blocks)), sizes)
