@@ -117,21 +117,21 @@ def _check(path: Location, recording: Recording) -> None:
             f"is {recording.frame_time}; wanted seconds above 0, such as 0.0333",
             code=Code.BVH_FRAME_TIME,
         )
-    wrong = ~np.isfinite(recording.offsets).all(axis=1)
+    wrong = ~(np.abs(recording.offsets) < limits.COORDINATE).all(axis=1)
     if wrong.any():
         name = recording.names[int(wrong.argmax())]
         raise FormatError(
             path,
             f"joint {name!r}",
-            "has an OFFSET that is not finite; mend it",
+            "has an OFFSET that is not finite or too large; mend it",
             code=Code.BVH_OFFSET,
         )
-    wrong = ~np.isfinite(recording.values).all(axis=1)
+    wrong = ~(np.abs(recording.values) < limits.COORDINATE).all(axis=1)
     if wrong.any():
         raise FormatError(
             path,
             f"frame {int(wrong.argmax())}",
-            "holds a number that is not finite; cut it out",
+            "holds a number that is not finite or too large; cut it out",
             code=Code.BVH_MOTION,
         )
 

@@ -1,11 +1,12 @@
 """OBJ, PLY, STL and OFF in, behind checks of what their headers claim; OBJ and PLY out."""
 
 import io
+import logging
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from bunraku import limits
 from bunraku.errors import Code, announce
@@ -88,30 +89,41 @@ def _read_ply(path: Location, content: bytes) -> list[Piece]:
     pieces = _read_with_trimesh(path, content, "ply")
     if polygons is None:
         return pieces
-    corners, starts = polygons
-    wrong = (corners < 0) | (corners >= len(pieces[0].positions))
+    return [replace(pieces[0], faces=_cut_polygons(path, pieces[0].positions, *polygons))]
+
+
+def _cut_polygons(
+    path: Location,
+    positions: Float[np.ndarray, "vertices 3"],
+    corners: Int[np.ndarray, " corners"],
+    starts: Int[np.ndarray, " starts"],
+) -> Int[np.ndarray, "faces 3"]:
+    """Cut polygons into triangles, after a look at their corners."""
+    few = np.diff(starts) < 3
+    wrong = (corners < 0) | (corners >= len(positions))
+    if few.any():
+        message = "has fewer than three corners; export it again"
+        raise FormatError(path, f"face {int(few.argmax())}", message, code=Code.MESH_CORNERS)
     if wrong.any():
         face = int(np.searchsorted(starts, wrong.argmax(), side="right")) - 1
-        raise FormatError(
-            path,
-            f"face {face}",
-            "has a corner that is no vertex; export it again",
-            code=Code.MESH_INDEX,
-        )
-    faces, _ = triangulate(pieces[0].positions, corners, starts)
-    return [replace(pieces[0], faces=corners[faces])]
+        message = "has a corner that is no vertex; export it again"
+        raise FormatError(path, f"face {face}", message, code=Code.MESH_INDEX)
+    return corners[triangulate(positions, corners, starts)[0]]
 
 
 def _read_with_trimesh(path: Location, content: bytes, kind: str) -> list[Piece]:
     """Let trimesh read a PLY or STL; whatever it raises becomes a FormatError."""
     from trimesh.exchange import ply, stl  # takes 0.3 s, and only these two formats need it
 
+    logging.getLogger("trimesh").addHandler(logging.NullHandler())  # it logs tracebacks
     load = {"ply": ply.load_ply, "stl": stl.load_stl}[kind]
     try:
         with np.errstate(all="ignore"):
             loaded = load(io.BytesIO(content))
             solids = loaded.get("geometry") or {"": loaded}
-            return [_piece(name, solid) for name, solid in solids.items()]
+            return [_piece(path, name, solid) for name, solid in solids.items()]
+    except FormatError:
+        raise
     except Exception as error:  # trimesh raises almost anything on damaged files
         reason = " ".join(str(error).split())[:80]
         raise FormatError(
@@ -122,18 +134,20 @@ def _read_with_trimesh(path: Location, content: bytes, kind: str) -> list[Piece]
         ) from None
 
 
-def _piece(name: str, loaded: dict[str, Any]) -> Piece:
+def _piece(path: Location, name: str, loaded: dict[str, Any]) -> Piece:
     """Take the arrays that we keep out of trimesh's."""
     positions = np.asarray(loaded["vertices"], np.float64).reshape(-1, 3)
     faces = loaded.get("faces")
-    faces = np.empty((0, 3)) if faces is None or not len(faces) else np.asarray(faces)
-    if faces.shape[1] == 4:
-        faces = faces[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
+    faces = np.zeros((0, 3), np.int64) if faces is None or not len(faces) else np.asarray(faces)
+    faces = faces.astype(np.int64, copy=False)
+    if faces.shape[1] != 3:
+        starts = np.arange(len(faces) + 1) * faces.shape[1]
+        faces = _cut_polygons(path, positions, faces.reshape(-1), starts)
     count = len(positions)
     return Piece(
         name,
         positions,
-        faces.astype(np.int64),
+        faces,
         normals=_per_vertex(loaded.get("vertex_normals"), count),
         uvs=_per_vertex(getattr(loaded.get("visual"), "uv", None), count),
         colours=_colours(loaded.get("vertex_colors"), count),

@@ -201,7 +201,7 @@ def _corner_numbers(text: Lines, words: Words) -> Int[np.ndarray, "corners 3"]:
         if numbers is not None:
             corners[:, :width] = numbers.reshape(-1, width)
             return corners
-    for place, word in enumerate(words.text.split()):
+    for place, word in enumerate(words.split()):
         try:
             corners[place] = _corner(word)
         except (ValueError, OverflowError):

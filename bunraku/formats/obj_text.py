@@ -20,6 +20,7 @@ from bunraku.types import FormatError
 POSITION, UV, NORMAL, FACE, GROUP, USE, LIBRARY = range(1, 8)
 LONGEST_SHOWN = 50
 _SPACE, _NEWLINE, _SLASH = 32, 10, 47
+_BLANKS = bytes(_SPACE if byte < _SPACE else byte for byte in range(256))  # split() knows six
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +63,10 @@ class Words:
     def line_of(self) -> Int[np.ndarray, " words"]:
         """Give the line of each word."""
         return np.repeat(self.lines, self.counts)
+
+    def split(self) -> list[bytes]:
+        """Give every word by itself."""
+        return self.text.translate(_BLANKS).split()
 
     def numbers(self, kind: type) -> Shaped[np.ndarray, " numbers"] | None:
         """Read every word as one number; nothing if that cannot be."""
@@ -164,7 +169,7 @@ def read_damaged(words: Words) -> tuple[Shaped[np.ndarray, " words"], Any]:
     """Read words one by one; those that are no number become NaN, and are marked."""
     values = np.full(len(words.starts), np.nan)
     damaged = np.zeros(len(values), bool)
-    for place, word in enumerate(words.text.split()):
+    for place, word in enumerate(words.split()):
         try:
             values[place] = float(word)
         except ValueError:

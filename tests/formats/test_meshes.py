@@ -6,6 +6,7 @@ import trimesh
 
 from bunraku.formats.meshes import encode_obj, encode_ply, merge_pieces, read_pieces
 from bunraku.formats.pieces import Piece
+from bunraku.meshes import face_normals
 from bunraku.types import FormatError, Mesh
 
 HEADER = "ply\nformat ascii 1.0\nelement vertex 4\n"
@@ -78,7 +79,11 @@ def test_pieces_merge_with_their_faces_shifted(cube):
 @pytest.mark.parametrize(
     ("content", "kind", "message"),
     [
-        (HEADER + XYZ + FACE + QUAD.replace("4 0 1 2 3", "4 0 1 2 9"), "ply", "4 vertices"),
+        (
+            HEADER + XYZ + FACE + QUAD.replace("4 0 1 2 3", "4 0 1 2 9"),
+            "ply",
+            "face 0: has a corner that is no",
+        ),
         (HEADER + XYZ + FACE + QUAD.replace("4 0 1 2 3", "3 0 1 -1"), "ply", r"face 0: is \[0, 1"),
         (HEADER + XYZ + FACE + QUAD.replace("1 1 0", "1 nan 0"), "ply", "vertex 2: is"),
         (HEADER + XYZ + FACE + QUAD.replace("1 1 0", "1 1"), "ply", "is a damaged PLY file"),
@@ -95,3 +100,24 @@ def test_too_many_vertices_are_refused(cube, monkeypatch):
     monkeypatch.setattr("bunraku.limits.VERTICES", 7)
     with pytest.raises(FormatError, match="has 8 vertices, at most 7; decimate it"):
         read_pieces("a.obj", encode_obj(cube), "obj")
+
+
+@pytest.mark.parametrize("sides", [3, 4, 5, 7])
+@pytest.mark.parametrize("encoding", ["ascii", "binary_little_endian"])
+def test_polygons_of_any_one_size_are_cut(sides, encoding):
+    angles = 2 * np.pi * np.arange(sides) / sides
+    ring = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(sides)]).astype("<f4")
+    header = (
+        f"ply\nformat {encoding} 1.0\nelement vertex {sides}\nproperty float x\n"
+        "property float y\nproperty float z\nelement face 1\n"
+        "property list uchar int vertex_indices\nend_header\n"
+    ).encode()
+    if encoding == "ascii":
+        rows = [" ".join(map(str, row)) for row in ring.tolist()]
+        body = "\n".join([*rows, f"{sides} {' '.join(map(str, range(sides)))}", ""]).encode()
+    else:
+        body = ring.tobytes() + bytes([sides]) + np.arange(sides, dtype="<i4").tobytes()
+    pieces, _ = read_pieces("a.ply", header + body, "ply")
+    area = np.linalg.norm(face_normals(pieces[0].positions, pieces[0].faces), axis=1).sum() / 2
+    assert len(pieces[0].faces) == sides - 2
+    assert area == pytest.approx(sides / 2 * np.sin(2 * np.pi / sides), rel=1e-5)

@@ -26,6 +26,7 @@ from bunraku.rotations import compose_transforms, invert_rigid, nearest_rotation
 from bunraku.skinning import linear_blend_skinning, local_transforms
 from bunraku.types import NO_PARENT, Character, Clip, Mesh, Skeleton, Skin
 
+FLATTEST = 1e-40  # volume of axes that can still be inverted
 SAME_POSE = 1e-4  # how far apart, as a share of the size, two binds of one joint count as one
 
 
@@ -74,6 +75,12 @@ def build_rig(document: Document, tree: Tree, blocks: list[Block]) -> Rig:
     _announce_roots(document, tree)
     nodes, parents = sort_joints(tree, set(binding.bind))
     bind = np.stack([binding.bind[node] for node in nodes])
+    volume = np.abs(np.linalg.det(bind[:, :3, :3]))
+    flat = ~((volume > FLATTEST) & (volume < 1 / FLATTEST))
+    if flat.any():
+        where = f"/nodes/{nodes[int(flat.argmax())]}"
+        message = "the joint's scale is too small or large to be undone; apply scales and export"
+        raise document.fault(where, message, code=Code.NODE_TRANSFORM)
     rest = compose_transforms(bind[:, :3, 3], nearest_rotation(bind[:, :3, :3]))
     frames = build_frames(tree, nodes, parents, node_from_joint=np.linalg.inv(bind) @ rest)
     skeleton = Skeleton(name_joints(document, nodes), parents, local_transforms(parents, rest))

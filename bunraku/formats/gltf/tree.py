@@ -1,11 +1,13 @@
 """The nodes of a document as a tree: parents, order, transforms; walked without recursion."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from bunraku.errors import Code
+from bunraku import limits
+from bunraku.errors import NOTE, Code
 from bunraku.formats.gltf.document import Document
 from bunraku.rotations import (
     compose_transforms,
@@ -14,6 +16,9 @@ from bunraku.rotations import (
     quaternions_to_matrices,
 )
 from bunraku.types import NO_PARENT
+
+SMALLEST_SCALE = 1e-6  # of a node, along an axis
+LARGEST = 1e60  # number in a world transform: its cube still is one
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,12 +34,11 @@ class Tree:
     world: Float[np.ndarray, "nodes 4 4"]  # world_from_node
     is_shown: Bool[np.ndarray, " nodes"]  # in the default scene, or in any way if there is none
 
-    def ancestors(self, node: int) -> list[int]:
-        """List a node, its parent, and so on up to its root."""
-        path = [node]
-        while self.parents[path[-1]] != NO_PARENT:
-            path.append(int(self.parents[path[-1]]))
-        return path
+    def ancestors(self, node: int) -> Iterator[int]:
+        """Give a node, its parent, and so on up to its root."""
+        while node != NO_PARENT:
+            yield node
+            node = int(self.parents[node])
 
 
 def build_tree(document: Document) -> Tree:
@@ -50,8 +54,9 @@ def build_tree(document: Document) -> Tree:
     for node in order:
         if parents[node] != NO_PARENT:
             world[node] = world[parents[node]] @ local[node]
-    if not np.isfinite(world).all():
-        first = int((~np.isfinite(world)).any(axis=(1, 2)).argmax())
+    far = ~(np.abs(world) < LARGEST).all(axis=(1, 2))
+    if far.any():
+        first = int(far.argmax())
         raise document.fault(
             f"/nodes/{first}", "transform is too large to compute with", code=Code.NODE_TRANSFORM
         )
@@ -106,7 +111,15 @@ def _read_transforms(document: Document) -> tuple[np.ndarray, ...]:
     translations = np.array([n.translation or (0, 0, 0) for n in nodes], float).reshape(-1, 3)
     rotations = np.array([n.rotation or (0, 0, 0, 1) for n in nodes], float).reshape(-1, 4)
     scales = np.array([n.scale or (1, 1, 1) for n in nodes], float).reshape(-1, 3)
+    for name, values in (("translation", translations), ("rotation", rotations), ("scale", scales)):
+        far = ~(np.abs(values) < limits.COORDINATE).all(axis=1)
+        if far.any():
+            where = f"/nodes/{int(far.argmax())}/{name}"
+            raise document.fault(
+                where, "is too large to compute with; scale it down", code=Code.NODE_TRANSFORM
+            )
     rotations = _repair_rotations(document, rotations)
+    scales = _repair_scales(document, scales)
     local = compose_transforms(translations, quaternions_to_matrices(rotations), scales)
     for index, node in enumerate(nodes):
         if node.matrix is None:
@@ -127,6 +140,10 @@ def _read_matrix(document: Document, index: int, numbers: list[float]) -> Float[
             code=Code.NODE_TRANSFORM,
         )
     matrix = np.array(numbers, float).reshape(4, 4).T
+    if not np.abs(matrix).max() < limits.COORDINATE:
+        raise document.fault(
+            where, "is too large to compute with; scale it down", code=Code.NODE_TRANSFORM
+        )
     if abs(np.linalg.det(matrix[:3, :3])) < 1e-30:
         raise document.fault(
             where, "matrix flattens everything below it; give it a volume", code=Code.NODE_TRANSFORM
@@ -139,6 +156,18 @@ def _read_matrix(document: Document, index: int, numbers: list[float]) -> Float[
         )
     matrix[3] = 0, 0, 0, 1
     return matrix
+
+
+def _repair_scales(
+    document: Document, scales: Float[np.ndarray, "nodes 3"]
+) -> Float[np.ndarray, "nodes 3"]:
+    """Make scales of 0, by which programs hide things, small, so that they can be undone."""
+    hidden = np.abs(scales) < SMALLEST_SCALE
+    if hidden.any():
+        count = hidden.any(axis=1).sum()
+        message = f"scales of {count} nodes are 0; taken as {SMALLEST_SCALE:g}"
+        document.warn("/nodes", message, code=Code.NODE_TRANSFORM, level=NOTE)
+    return np.where(hidden, SMALLEST_SCALE, scales)
 
 
 def _repair_rotations(
