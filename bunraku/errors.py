@@ -74,7 +74,7 @@ class Code(Enum):
     GLTF_RANGE = "a buffer view or accessor reaches beyond its bytes, or overlaps itself"
     GLTF_BUFFER = "a buffer has no bytes, or fewer than it says"
     GLTF_ACCESSOR = "an accessor is of another type than its use demands"
-    GLTF_COMPRESSED = "geometry is compressed in a way that is not read here: decompress it first"
+    GLTF_COMPRESSED = "geometry is compressed: install the decoder, or decompress it first"
     GLTF_EXTENSION = "a required extension is kept, but not understood"
     GLTF_UNSHOWN = "meshes exist that no node shows"
 

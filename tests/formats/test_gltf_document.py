@@ -89,11 +89,6 @@ def broken(change):
         ),
         (
             "/extensionsRequired",
-            lambda j: j.update(extensionsRequired=["KHR_draco_mesh_compression"]),
-            "Draco compressed; decompress it first",
-        ),
-        (
-            "/extensionsRequired",
             lambda j: j.update(extensionsRequired=["EXT_meshopt_compression"]),
             "meshopt compressed",
         ),

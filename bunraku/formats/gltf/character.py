@@ -18,7 +18,8 @@ from bunraku.formats.gltf.binding import (
     sort_joints,
 )
 from bunraku.formats.gltf.clips import build_frames, read_clips
-from bunraku.formats.gltf.document import Document, read_document
+from bunraku.formats.gltf.document import Document
+from bunraku.formats.gltf.draco import read_unpacked
 from bunraku.formats.gltf.figure import join_blocks
 from bunraku.formats.gltf.geometry import Block, read_blocks
 from bunraku.formats.gltf.tree import Tree, build_tree
@@ -43,7 +44,7 @@ def read_character(path: Location, content: bytes | None = None) -> Character:
     Raises:
         FormatError: if the file cannot be trusted, or nothing in it can move.
     """
-    document = read_document(path, content)
+    document = read_unpacked(path, content)
     tree = build_tree(document)
     return build_character(document, tree, read_blocks(document, tree))
 

@@ -160,6 +160,9 @@ def _mesh_references(gltf: Gltf) -> Iterator[Reference]:
                     yield f"{where}/targets/{i}/{name}", index, accessors, "accessor"
             yield f"{where}/indices", primitive.indices, accessors, "accessor"
             yield f"{where}/material", primitive.material, len(gltf.materials), "material"
+            draco = primitive.extensions.draco
+            if draco is not None:
+                yield f"{where}/extensions", draco.buffer_view, len(gltf.buffer_views), "view"
 
 
 def _animation_references(gltf: Gltf) -> Iterator[Reference]:

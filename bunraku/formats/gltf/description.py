@@ -7,7 +7,8 @@ import numpy as np
 from bunraku.formats.files import Location
 from bunraku.formats.gltf.binding import animated_nodes
 from bunraku.formats.gltf.character import Rig, build_rig
-from bunraku.formats.gltf.document import Document, read_document
+from bunraku.formats.gltf.document import Document
+from bunraku.formats.gltf.draco import read_unpacked
 from bunraku.formats.gltf.figure import build_figure
 from bunraku.formats.gltf.geometry import read_blocks
 from bunraku.formats.gltf.tree import Tree, build_tree
@@ -30,7 +31,7 @@ def describe(path: Location, content: bytes | None = None) -> dict[str, Any]:
     Raises:
         FormatError: if any part of it cannot be trusted.
     """
-    document = read_document(path, content)
+    document = read_unpacked(path, content)
     gltf, tree = document.gltf, build_tree(document)
     blocks = read_blocks(document, tree)
     rig = None

@@ -23,11 +23,9 @@ from bunraku.types import FormatError
 
 MAGIC, JSON_CHUNK, BINARY_CHUNK = b"glTF", 0x4E4F534A, 0x004E4942
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
-COMPRESSED = {
-    "KHR_draco_mesh_compression": "Draco",
-    "EXT_meshopt_compression": "meshopt",
-    "KHR_meshopt_compression": "meshopt",
-}
+COMPRESSED = ("EXT_meshopt_compression", "KHR_meshopt_compression")
+DECOMPRESS = "decompress it first: npx @gltf-transform/cli copy IN.glb OUT.glb"
+UNDERSTOOD = ("KHR_mesh_quantization", "KHR_draco_mesh_compression")
 HARMLESS = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_", "VRM")
 
 
@@ -128,17 +126,14 @@ def _split_chunks(path: str, content: memoryview) -> Iterator[tuple[int, memoryv
 def _refuse_compression(path: str, gltf: Gltf) -> None:
     for name in gltf.extensions_required:
         if name in COMPRESSED:
-            message = (
-                f"geometry is {COMPRESSED[name]} compressed; decompress it first: "
-                "npx @gltf-transform/cli copy IN.glb OUT.glb"
-            )
+            message = f"geometry is meshopt compressed; {DECOMPRESS}"
             raise FormatError(path, "/extensionsRequired", message, code=Code.GLTF_COMPRESSED)
 
 
 def _announce_oddities(document: Document, content: bytes) -> None:
     """Warn of what is kept without being understood, is missing, or is left behind."""
     for name in document.gltf.extensions_required:
-        if not name.startswith(HARMLESS) and name != "KHR_mesh_quantization":
+        if not name.startswith(HARMLESS) and name not in UNDERSTOOD:
             document.warn(
                 "/extensionsRequired",
                 f"required extension {name[:60]} is kept, but not understood",

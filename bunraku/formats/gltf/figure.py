@@ -8,7 +8,8 @@ from jaxtyping import Float
 from bunraku.errors import Code
 from bunraku.formats.files import Location
 from bunraku.formats.gltf.binding import bind_skins, place_block
-from bunraku.formats.gltf.document import Document, read_document
+from bunraku.formats.gltf.document import Document
+from bunraku.formats.gltf.draco import read_unpacked
 from bunraku.formats.gltf.geometry import Block, read_blocks
 from bunraku.formats.gltf.tree import Tree, build_tree
 from bunraku.meshes import face_normals
@@ -48,7 +49,7 @@ def read_figure(
     Raises:
         FormatError: if the file cannot be trusted, or shows no surface of any area.
     """
-    document = read_document(path, content)
+    document = read_unpacked(path, content)
     tree = build_tree(document)
     blocks = read_blocks(document, tree)
     turn = np.eye(4) if world_from_file is None else world_from_file

@@ -7,7 +7,7 @@ Reference:
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from msgspec import Meta, Struct
+from msgspec import Meta, Struct, field
 
 Index = Annotated[int, Meta(ge=0)]
 Count = Annotated[int, Meta(ge=1)]
@@ -83,6 +83,19 @@ class Accessor(Struct, rename="camel"):
     sparse: Sparse | None = None
 
 
+class Draco(Struct, rename="camel"):
+    """Where the compressed arrays of a primitive are, and the decoder's number of each."""
+
+    buffer_view: Index
+    attributes: dict[str, Index]
+
+
+class PrimitiveExtensions(Struct, frozen=True):
+    """The extensions of a primitive that are read."""
+
+    draco: Draco | None = field(default=None, name="KHR_draco_mesh_compression")
+
+
 class Primitive(Struct):
     """Geometry of one material."""
 
@@ -91,6 +104,7 @@ class Primitive(Struct):
     mode: Annotated[int, Meta(ge=0, le=6)] = 4
     material: Index | None = None
     targets: list[dict[str, Index]] = []
+    extensions: PrimitiveExtensions = PrimitiveExtensions()
 
 
 class Mesh(Struct):
