@@ -2,7 +2,7 @@
 
     python -m tests.fuzz.run                          all formats, a minute each
     python -m tests.fuzz.run glb obj --count 100000   so many mutants of each
-    python -m tests.fuzz.run ply --seconds 600 --atheris    steered by coverage, if atheris is there
+    python -m tests.fuzz.run ply --seconds 600 --atheris    one format, by coverage (needs atheris)
 
 Whatever escapes is written to `fuzz-findings/`, and the run fails. A finding becomes a small file
 in tests/corpus, with a row in its ROWS.csv that says what must happen.
@@ -122,7 +122,9 @@ def search_by_coverage(kind: str, *, seconds: float) -> None:
                     name,
                     atheris.instrument_func(item) if hasattr(item, "__code__") else item,
                 )
+    FINDINGS.mkdir(exist_ok=True)
     options = [f"-max_total_time={int(seconds)}", "-max_len=100000", "-timeout=10", str(seeds)]
+    options.append(f"-artifact_prefix={FINDINGS}/")
     atheris.Setup([sys.argv[0], *options], read_one, custom_mutator=mutate_one)
     atheris.Fuzz()
 
