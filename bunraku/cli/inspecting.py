@@ -33,7 +33,8 @@ def print_inspection(path: Path, *, as_json: bool) -> None:
         typer.echo(msgspec.json.format(msgspec.json.encode(found), indent=2))
         return
     for name, value in tabulate(found):
-        typer.echo(f"{name:<{WIDTH}}{' '.join(value.split())}".rstrip())
+        shown = "".join(letter if letter.isprintable() else "?" for letter in value)
+        typer.echo(f"{name:<{WIDTH}}{shown}".rstrip())  # names in a file may steer a terminal
 
 
 def tabulate(found: "Inspection") -> Iterator[tuple[str, str]]:
@@ -70,7 +71,7 @@ def _tabulate_place(found: "Inspection") -> Iterator[tuple[str, str]]:
 
 def _tabulate_surface(found: "Inspection") -> Iterator[tuple[str, str]]:
     """List what there is to say about a surface."""
-    yield "meshes", f"{found.meshes} of {found.pieces} pieces, {found.parts} connected parts"
+    yield "meshes", f"{found.meshes:,} ({found.pieces:,} pieces, {found.parts:,} connected parts)"
     yield "vertices", f"{found.vertices:,} ({found.welded_vertices:,} welded)"
     yield "faces", f"{found.faces:,}"
     if found.closed:

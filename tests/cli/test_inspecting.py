@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import pytest
 
 from bunraku.cli.inspecting import print_inspection, tabulate
@@ -46,19 +48,19 @@ def test_a_person_reads_a_table(knight):
 
 
 def test_an_open_surface_says_how_open(knight):
-    from dataclasses import replace
-
     torn = replace(knight, closed=False, boundary_edges=7, non_manifold_edges=2)
     assert dict(tabulate(torn))["surface"] == "open: 7 boundary edges, 2 of three faces or more"
 
 
-def test_names_stay_on_their_line(tmp_path, capsys):
-    path = tmp_path / "arm.bvh"
+def test_a_motion_is_told_and_its_name_cannot_steer_a_terminal(tmp_path, capsys):
+    path = tmp_path / "a\x1b[2Jrm.bvh"
     path.write_text(
         "HIERARCHY\nROOT Hips\n{\nOFFSET 0 0 0\nCHANNELS 3 Zrotation Xrotation Yrotation\n"
         "End Site\n{\nOFFSET 0 1 0\n}\n}\nMOTION\nFrames: 1\nFrame Time: 0.1\n0 0 0\n"
     )
     print_inspection(path, as_json=False)
     lines = capsys.readouterr().out.splitlines()
+    assert "a?[2Jrm" in lines[0]
+    assert lines[-1] == "clip            a?[2Jrm: 0 s, 1 frames"
     assert lines[1] == "joints          2"
     assert lines[2] == "bind pose       the recording's rest pose"
