@@ -165,7 +165,7 @@ def _inspect_gltf(found: Inspection, content: bytes) -> Inspection:
         extensions_required=tuple(told["extensions_required"]),
     )
     if mesh is None:
-        return found
+        return _add_bounds(found, told["places"])
     if guess_up(mesh, "gltf") != "y":
         message = "the figure may lie: by its shape, z is up; check, or give --up z"
         announce(found.path, message, code=Code.MESH_UP, level=NOTE)

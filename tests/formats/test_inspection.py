@@ -7,6 +7,7 @@ import pytest
 from bunraku.errors import Code
 from bunraku.formats import inspect, read_figure, write_mesh
 from bunraku.types import FormatError, Mesh
+from tests.fuzz.mutants import make_rigged
 
 
 @pytest.fixture
@@ -139,3 +140,14 @@ def test_a_surface_without_area_is_a_warning_and_no_figure(told, tmp_path):
         assert caught.value.code is Code.MESH_NO_AREA
     with pytest.raises(FormatError, match="all vertices lie at one point"):
         told(Mesh(np.ones((3, 3)), line.faces))
+
+
+def test_a_rig_without_a_surface_tells_its_joints_and_clips(tmp_path):
+    made = make_rigged()
+    del made.json["nodes"][2]["mesh"], made.json["nodes"][2]["skin"], made.json["meshes"]
+    (tmp_path / "moves.glb").write_bytes(made.glb())
+    found = inspect(tmp_path / "moves.glb")
+    assert codes(found)["RIG_NO_SURFACE"].severity == "warning"
+    assert (found.joints, found.bind, found.vertices) == (2, "same", 0)
+    assert found.clips[0].name == "wave"
+    assert np.isfinite(found.high).all()

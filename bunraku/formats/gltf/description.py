@@ -25,8 +25,8 @@ def describe(path: Location, content: bytes | None = None) -> dict[str, Any]:
 
     Returns:
         mesh (in the bind pose; nothing if none is shown), meshes, primitives, materials, textures,
-        skins (joints of each), joints, bind (see `name_bind`), clips (name, seconds, frames),
-        facing, extensions_used and extensions_required.
+        skins (joints of each), joints, places (of the joints), bind (see `name_bind`), clips (name,
+        seconds, frames), facing, extensions_used and extensions_required.
 
     Raises:
         FormatError: if any part of it cannot be trusted.
@@ -46,6 +46,7 @@ def describe(path: Location, content: bytes | None = None) -> dict[str, Any]:
         "textures": len(gltf.images),
         "skins": [len(skin.joints) for skin in gltf.skins],
         "joints": len(rig.nodes) if rig else 0,
+        "places": rig.rest[:, :3, 3] if rig else None,
         "bind": name_bind(document, tree, rig) if rig else "",
         "clips": [(clip.name, float(np.ptp(clip.times)), len(clip.times)) for clip in clips],
         "facing": "-z" if "VRM" in gltf.extensions_used else "+z",  # VRM 0 looks back by definition
@@ -62,7 +63,7 @@ def name_bind(document: Document, tree: Tree, rig: Rig) -> str:
         same: inverse bind matrices, joints where the nodes stand; own: joints elsewhere.
     """
     used = {node.skin for node in document.gltf.nodes if node.skin is not None}
-    skins = [document.gltf.skins[skin] for skin in sorted(used)]
+    skins = [document.gltf.skins[skin] for skin in sorted(used)] or document.gltf.skins
     if not skins:
         return "nodes"
     if all(skin.inverse_bind_matrices is None for skin in skins):
