@@ -36,4 +36,7 @@ evaluate: install ## the paper's tables on the evaluation data (DATA=folder)
 bench: install ## how the cost of each stage grows
 	$(BIN)/python bench/stages.py
 
-.PHONY: help install demo test lint format evaluate bench
+fuzz: install ## search for files that break a reader (FUZZ_SECONDS a format)
+	OMP_NUM_THREADS=1 $(BIN)/python -m tests.fuzz.run --seconds $(or $(FUZZ_SECONDS),600)
+
+.PHONY: help install demo test lint format evaluate bench fuzz

@@ -14,6 +14,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float, Int
 
+from bunraku.errors import Code
+
 NO_PARENT = -1
 
 
@@ -24,10 +26,11 @@ class FormatError(ValueError):
         path: the file as the user named it.
         where: a JSON pointer, a line, a frame; empty if the whole file is meant.
         message: what was wanted, what came, and what to do.
+        code: which fault it is; stable, for programs.
     """
 
-    def __init__(self, path: object, where: str, message: str) -> None:
-        self.path, self.where, self.message = str(path), where, message
+    def __init__(self, path: object, where: str, message: str, *, code: Code = Code.INPUT) -> None:
+        self.path, self.where, self.message, self.code = str(path), where, message, code
         super().__init__(f"{self.path}: {where + ': ' if where else ''}{message}")
 
 

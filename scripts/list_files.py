@@ -9,7 +9,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 ORDER = (
-    *("types", "rotations", "skinning", "meshes", "spectral", "graphs"),
+    *("types", "errors", "limits", "rotations", "skinning", "meshes", "spectral", "graphs"),
     *("proxy", "matching", "registration", "weights", "skeletons", "reposing", "standing"),
     *("retargeting", "contacts", "humanoids", "routes", "formats", "builtin", "evaluate", "cli"),
 )  # the layers, lowest first; whatever is not named comes last

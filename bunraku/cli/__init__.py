@@ -27,13 +27,15 @@ from bunraku.cli.options import (
     VersionOption,
     WithOption,
 )
+from bunraku.limits import SUMMARY
 
 app = typer.Typer(
     name="bunraku",
     add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
-    epilog="Example: bunraku animate hero.obj -o hero.glb",
+    epilog=f"Example: bunraku animate hero.obj -o hero.glb   |   {SUMMARY} "
+    "What the codes in error lines mean: docs/errors.md.",
 )
 app.add_typer(evaluate, name="evaluate")
 
@@ -138,7 +140,7 @@ def repose(
         write_mesh(out, steps.at_rest(transfer))
 
 
-@app.command("inspect", epilog="Example: bunraku inspect knight.glb --json")
+@app.command("inspect", epilog=f"Example: bunraku inspect knight.glb --json   |   {SUMMARY}")
 def inspect_file(file: FileArgument, json: InspectJsonOption = False) -> None:
     """Say what a file holds, and what is wrong with it."""
     from bunraku.cli.inspecting import print_inspection

@@ -18,6 +18,7 @@ from bunraku.cli.options import (
     StateOption,
     ThoroughOption,
 )
+from bunraku.errors import Code
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -74,7 +75,9 @@ def retarget_table(
         )
     if not rows and not others:
         wanted = "such pairs" if names else "characters that share a clip, and no humans"
-        raise FormatError(folder, "", f"holds no {wanted}; give another folder or other --pairs")
+        raise FormatError(
+            folder, "", f"holds no {wanted}; give another folder or other --pairs", code=Code.DATA
+        )
     tables = [retarget.tabulate(rows)] * bool(rows) + [across.tabulate(others)] * bool(others)
     finish(tables, [*rows, *others], json)
 
@@ -139,7 +142,9 @@ def find_data(folder: Path | None, *, within: str = "") -> Path:
 
     found = folder or Path(os.environ.get("BUNRAKU_DATA", "../shared/data")) / within
     if not found.is_dir():
-        raise FormatError(found, "", "is no folder of evaluation data; give one with --data")
+        raise FormatError(
+            found, "", "is no folder of evaluation data; give one with --data", code=Code.DATA
+        )
     return found
 
 

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import typer
 
+from bunraku.errors import Code
+
 SUCCESS, BAD_INPUT, NO_MATCH, INTERRUPTED = 0, 2, 3, 130
 LONGEST_LINE = 300
 UsageError: type[BaseException] = typer.BadParameter.__mro__[1]  # of the parser typer came with
@@ -27,9 +29,11 @@ def about(path: Path | str) -> Iterator[None]:
         raise
     except OSError as error:
         reason = f"{error.strerror or error}; check the path"
-        raise FormatError(error.filename or path, "", reason) from error
+        raise FormatError(error.filename or path, "", reason, code=Code.FILE_UNREADABLE) from error
     except MemoryError as error:
-        raise FormatError(path, "", "needs more memory than there is; simplify it") from error
+        raise FormatError(
+            path, "", "needs more memory than there is; simplify it", code=Code.LIMIT_MEMORY
+        ) from error
     except ValueError as error:
         raise FormatError(path, "", str(error)) from error
 
@@ -44,9 +48,9 @@ def describe_failure(error: BaseException) -> tuple[int, str]:
 
     match error:
         case MatchError():
-            return NO_MATCH, shorten(f"error: {error}")
+            return NO_MATCH, shorten(f"error: {error} [{Code.MATCH_POOR.name}]")
         case FormatError():
-            return BAD_INPUT, shorten(f"error: {error}")
+            return BAD_INPUT, shorten(f"error: {error} [{error.code.name}]")
         case KeyboardInterrupt() | typer.Abort():
             return INTERRUPTED, "error: interrupted; nothing is left half-written"
         case BrokenPipeError():
@@ -76,8 +80,8 @@ def shorten(line: str, length: int = LONGEST_LINE) -> str:
 class WarningLines(logging.Handler):
     """Print each warning once, as `warning: FILE: ...`."""
 
-    def __init__(self, path: Path) -> None:
-        super().__init__(logging.WARNING)
+    def __init__(self, path: Path, level: int) -> None:
+        super().__init__(level)
         self.path, self.printed = path, set[str]()
 
     def emit(self, record: logging.LogRecord) -> None:
@@ -87,13 +91,20 @@ class WarningLines(logging.Handler):
             message = f"{self.path}: {message}"
         if message not in self.printed:
             self.printed.add(message)
-            typer.echo(shorten(f"warning: {message}"), err=True)
+            code = getattr(record, "code", None)
+            mark = f" [{code.name}]" if isinstance(code, Code) else ""
+            typer.echo(shorten(f"warning: {message}{mark}"), err=True)
 
 
 @contextmanager
-def printing_warnings(path: Path) -> Iterator[None]:
-    """Print the package's warnings as lines about a file, and nobody else's."""
-    logger, handler = logging.getLogger("bunraku"), WarningLines(path)
+def printing_warnings(path: Path, *, level: int = logging.WARNING) -> Iterator[None]:
+    """Print the package's warnings as lines about a file, and nobody else's.
+
+    Args:
+        path: the file that is named where a warning names none.
+        level: of the least that is printed: WARNING, or NOTE for what is odd but harmless.
+    """
+    logger, handler = logging.getLogger("bunraku"), WarningLines(path, level)
     logger.addHandler(handler)
     logging.captureWarnings(True)  # NumPy's own go to a logger that nobody prints
     logging.getLogger("py.warnings").addHandler(logging.NullHandler())

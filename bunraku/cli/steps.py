@@ -2,7 +2,6 @@
 
 import logging
 import sys
-import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
@@ -16,9 +15,10 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from bunraku import builtin
 from bunraku.cli.failures import about, printing_warnings
+from bunraku.errors import NOTE, Code, announce
 from bunraku.evaluate.report import report_transfer
 from bunraku.formats import read_character, read_motion
-from bunraku.formats.files import read_bytes, write_atomically
+from bunraku.formats.files import check_place, read_bytes, write_atomically
 from bunraku.formats.sniffing import sniff
 from bunraku.humanoids import transfer_motion
 from bunraku.retargeting import retarget_clip
@@ -41,17 +41,17 @@ def check_output(
     if path is None:
         return
     if suffixes and path.suffix.lower() not in suffixes:
-        raise FormatError(path, "", f"must end in {' or '.join(suffixes)}; choose another name")
+        raise FormatError(
+            path,
+            "",
+            f"must end in {' or '.join(suffixes)}; choose another name",
+            code=Code.OUT_SUFFIX,
+        )
     if any(given is not None and path.resolve() == given.resolve() for given in inputs):
-        raise FormatError(path, "", "is also read; write to another file")
+        raise FormatError(path, "", "is also read; write to another file", code=Code.OUT_PLACE)
     if path.is_dir():
-        raise FormatError(path, "", "is a folder; name a file in it")
-    try:
-        with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f".{path.stem[:40]}."):
-            pass
-    except OSError as error:
-        reason = f"cannot be written ({error.strerror}); choose a folder that exists and is open"
-        raise FormatError(path, "", reason) from error
+        raise FormatError(path, "", "is a folder; name a file in it", code=Code.OUT_PLACE)
+    check_place(path)
 
 
 def read_performer(path: Path | None) -> Character:
@@ -63,13 +63,18 @@ def read_performer(path: Path | None) -> Character:
     if path is None:
         return builtin.human()
     if path.is_dir():
-        raise FormatError(path, "", "is a folder; give a rigged .glb, .gltf or .vrm, or a .bvh")
+        raise FormatError(
+            path,
+            "",
+            "is a folder; give a rigged .glb, .gltf or .vrm, or a .bvh",
+            code=Code.FILE_FOLDER,
+        )
     with about(path):
         if sniff(path, read_bytes(path)) != "bvh":
             character = read_character(path)
             if not len(character.mesh.faces):
                 message = "has a rig but no surface to compare the figure with; give a whole file"
-                raise FormatError(path, "", message)
+                raise FormatError(path, "", message, code=Code.RIG_NO_SURFACE)
             return character
         human = builtin.human()
         recorded, clip = read_motion(path)
@@ -87,12 +92,14 @@ def choose_clips(
     where = path or Path("built-in human")
     if not performer.clips:
         message = "has a rig but no clips; give an animated file, or use bunraku rig"
-        raise FormatError(where, "", message)
+        raise FormatError(where, "", message, code=Code.CLIP_MISSING)
     known = {clip.name: clip for clip in performer.clips}
     for name in names or ():
         if name not in known:
             listed = ", ".join(repr(other) for other in known)
-            raise FormatError(where, "", f"has no clip {name!r}; it has {listed}")
+            raise FormatError(
+                where, "", f"has no clip {name!r}; it has {listed}", code=Code.CLIP_MISSING
+            )
     return tuple(known[name] for name in dict.fromkeys(names)) if names else performer.clips
 
 
@@ -111,12 +118,12 @@ def read_landmarks(
         landmarks = msgspec.json.decode(content, type=dict[str, tuple[float, float, float]])
     except msgspec.DecodeError as error:
         message = f'must be {{"joint name": [x, y, z], ...}}: {error}'
-        raise FormatError(path, "", message) from error
+        raise FormatError(path, "", message, code=Code.LANDMARKS) from error
     known = performer.skeleton.names
     for name in landmarks:
         if name not in known:
             message = f"no such joint; the performance has {', '.join(known)}"
-            raise FormatError(path, f"/{name}", message)
+            raise FormatError(path, f"/{name}", message, code=Code.LANDMARKS)
     return landmarks
 
 
@@ -137,7 +144,7 @@ def working(path: Path) -> Iterator[None]:
     package = logging.getLogger("bunraku")
     previous = package.level
     with ExitStack() as stack:
-        stack.enter_context(printing_warnings(path))
+        stack.enter_context(printing_warnings(path, level=NOTE))
         if sys.stderr.isatty():
             columns = TextColumn("{task.description:<24}"), BarColumn(), TimeElapsedColumn()
             progress = Progress(*columns, console=Console(stderr=True), transient=True)
@@ -191,7 +198,7 @@ def match(
         landmarks=place_landmarks(landmarks, found),
     )
     for message in transfer.warnings:
-        logger.warning("%s: %s", found.path, message)
+        announce(found.path, message, code=Code.MATCH_DOUBTFUL)
     return transfer
 
 

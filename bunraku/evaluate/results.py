@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 from rich.table import Table
 
+from bunraku.errors import Code
 from bunraku.types import FormatError
 
 
@@ -39,7 +40,7 @@ def read_rows(state: Path | None, kind: type[RowT]) -> dict[tuple[object, ...], 
         rows = [msgspec.json.decode(line, type=kind) for line in whole]
     except msgspec.DecodeError as error:
         message = f"holds other rows than this table's ({error}); name another file"
-        raise FormatError(state, "", message) from error
+        raise FormatError(state, "", message, code=Code.DATA) from error
     return {row.key(): row for row in rows}
 
 

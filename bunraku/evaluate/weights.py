@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from rich.table import Table
 
+from bunraku.errors import Code
 from bunraku.evaluate import metrics
 from bunraku.evaluate.results import make_table
 from bunraku.graphs import children
@@ -103,7 +104,9 @@ def read_targets(folder: Path, source: Skeleton) -> Iterator[Target]:
     """
     paths = sorted(folder.glob("tgt*.npz"))
     if not paths:
-        raise FormatError(folder, "", "holds no targets (tgt*.npz); give the folder of bodies")
+        raise FormatError(
+            folder, "", "holds no targets (tgt*.npz); give the folder of bodies", code=Code.DATA
+        )
     for path in paths:
         stored = _load(path)
         turns = vectors_to_matrices(stored["th"] @ OURS_FROM_FILE.T)
@@ -122,7 +125,9 @@ def _load(path: Path) -> Mapping[str, np.ndarray]:
         with np.load(path, allow_pickle=False) as stored:
             return dict(stored)
     except (OSError, ValueError) as error:
-        raise FormatError(path, "", f"is no body of the weight table: {error}") from error
+        raise FormatError(
+            path, "", f"is no body of the weight table: {error}", code=Code.DATA
+        ) from error
 
 
 def measure(target: Target, source: Character, *, modes: int = 100, seed: int = 0) -> Row:

@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
+from bunraku.errors import Code
 from bunraku.formats.files import Location
 from bunraku.meshes import face_normals
 from bunraku.types import FormatError, Mesh
@@ -38,11 +39,15 @@ logger = logging.getLogger(__name__)
 def check_axes(path: Location, up: str | None, facing: str | None) -> None:
     """Raise a FormatError unless up and facing are axes that go together."""
     if up not in (None, "y", "z"):
-        raise FormatError(path, "", f"cannot have {up!r} up; wanted y or z")
+        raise FormatError(path, "", f"cannot have {up!r} up; wanted y or z", code=Code.OPTION)
     if facing not in (None, *FACINGS):
-        raise FormatError(path, "", f"cannot face {facing!r}; wanted one of {' '.join(FACINGS)}")
+        raise FormatError(
+            path, "", f"cannot face {facing!r}; wanted one of {' '.join(FACINGS)}", code=Code.OPTION
+        )
     if up and facing and up == facing[1]:
-        raise FormatError(path, "", f"cannot face {facing} with {up} up; choose another axis")
+        raise FormatError(
+            path, "", f"cannot face {facing} with {up} up; choose another axis", code=Code.OPTION
+        )
 
 
 def world_from_axes(up: str, facing: str | None = None) -> Float[np.ndarray, "3 3"]:

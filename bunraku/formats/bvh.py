@@ -13,13 +13,15 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
+from bunraku import limits
+from bunraku.errors import Code, announce
 from bunraku.formats.bvh_text import Recording, parse_recording
 from bunraku.formats.files import Location
+from bunraku.formats.text import UTF16_MARKS
 from bunraku.rotations import compose_transforms
 from bunraku.skinning import forward_kinematics
 from bunraku.types import NO_PARENT, Clip, FormatError, Skeleton
 
-MOST_JOINTS, MOST_FRAMES = 4096, 100_000
 SHORTEST_BODY, TALLEST_BODY = 0.5, 4.0  # metres; outside, a warning says so
 INCH = 0.0254
 
@@ -35,8 +37,12 @@ def read_recording(path: Location, content: bytes) -> tuple[Skeleton, Clip]:
     Raises:
         FormatError: if the file is damaged, or holds more than 4096 joints or 100,000 frames.
     """
+    if b"\0" in content and content[:2] not in UTF16_MARKS:
+        message = "holds NUL bytes, which no text has: it is damaged; download it again"
+        raise FormatError(path, "", message, code=Code.BVH_HIERARCHY)
     recording = _read_strictly(path) or parse_recording(path, content)
     _check(path, recording)
+    _announce_oddities(path, recording)
     translations, rotations = _local_motion(path, recording)
     offsets = recording.offsets
     if _stands_along_z(recording, translations, rotations):
@@ -95,26 +101,56 @@ def _read_strictly(path: Location) -> Recording | None:
 def _check(path: Location, recording: Recording) -> None:
     """Refuse what no player could show."""
     joints, frames = len(recording.names), len(recording.values)
-    if joints > MOST_JOINTS or frames > MOST_FRAMES:
-        raise FormatError(
-            path,
-            "",
-            f"has {joints} joints and {frames} frames, at most {MOST_JOINTS} and {MOST_FRAMES}; "
-            "cut it into pieces",
+    if joints > limits.JOINTS:
+        message = f"has {joints} joints, at most {limits.JOINTS} are read; leave some out"
+        raise FormatError(path, "HIERARCHY", message, code=Code.LIMIT_JOINTS)
+    if frames > limits.FRAMES or frames * joints > limits.JOINT_FRAMES:
+        message = (
+            f"has {frames} frames of {joints} joints, at most {limits.FRAMES} frames and "
+            f"{limits.JOINT_FRAMES} joints times frames are read; cut it into pieces"
         )
+        raise FormatError(path, "MOTION", message, code=Code.LIMIT_FRAMES)
     if not (np.isfinite(recording.frame_time) and recording.frame_time > 0):
         raise FormatError(
-            path, "Frame Time", f"is {recording.frame_time}; wanted seconds above 0, such as 0.0333"
+            path,
+            "Frame Time",
+            f"is {recording.frame_time}; wanted seconds above 0, such as 0.0333",
+            code=Code.BVH_FRAME_TIME,
         )
-    wrong = ~np.isfinite(recording.offsets).all(axis=1)
+    wrong = ~(np.abs(recording.offsets) < limits.COORDINATE).all(axis=1)
     if wrong.any():
         name = recording.names[int(wrong.argmax())]
-        raise FormatError(path, f"joint {name!r}", "has an OFFSET that is not finite; mend it")
-    wrong = ~np.isfinite(recording.values).all(axis=1)
+        raise FormatError(
+            path,
+            f"joint {name!r}",
+            "has an OFFSET that is not finite or too large; mend it",
+            code=Code.BVH_OFFSET,
+        )
+    wrong = ~(np.abs(recording.values) < limits.COORDINATE).all(axis=1)
     if wrong.any():
         raise FormatError(
-            path, f"frame {int(wrong.argmax())}", "holds a number that is not finite; cut it out"
+            path,
+            f"frame {int(wrong.argmax())}",
+            "holds a number that is not finite or too large; cut it out",
+            code=Code.BVH_MOTION,
         )
+
+
+def _announce_oddities(path: Location, recording: Recording) -> None:
+    """Say what other programs may trip over."""
+    moving = [joint for joint, own in enumerate(recording.channels) if own]
+    repeated = len(moving) - len({recording.names[joint] for joint in moving})
+    roots = recording.parents.count(NO_PARENT)
+    inner = set(recording.parents)
+    open_ends = sum(joint not in inner for joint in moving)
+    odd = (
+        (repeated, "joints have a name that another joint has"),
+        (roots if roots > 1 else 0, "roots; each moves by itself"),
+        (open_ends, "joints end without an End Site: where they point is not known"),
+    )
+    for count, message in odd:
+        if count:
+            announce(path, f"{count} {message}", code=Code.BVH_JOINTS, where="HIERARCHY")
 
 
 def _local_motion(
@@ -141,6 +177,7 @@ def _local_motion(
                     path,
                     f"joint {recording.names[joint]!r}",
                     f"turns about {order}; give each once",
+                    code=Code.BVH_CHANNELS,
                 ) from None
             rotations[:, joint] = turns.as_matrix()
     _add_missing_offsets(recording, translations)
@@ -190,7 +227,8 @@ def _metres_per_unit(path: Location, recording: Recording) -> float:
     """Guess the unit of length from the longest way through the skeleton, about a body's height."""
     size = _longest_path(recording.parents, np.linalg.norm(recording.offsets, axis=1))
     if size <= 0:
-        logger.warning("%s: all bones have length 0; one unit is taken as 0.01 m", path)
+        message = "all bones have length 0; one unit is taken as 0.01 m"
+        announce(path, message, code=Code.BVH_OFFSET, where="HIERARCHY")
         return 0.01
     powers = [1.0, 0.1, 0.01, 0.001]
     unit = min(powers, key=lambda metres: abs(np.log(size * metres / 1.8)))

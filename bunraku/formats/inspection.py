@@ -1,37 +1,38 @@
 """What a file holds, and what is wrong with it."""
 
+import logging
 import os
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float
 
+from bunraku.errors import NOTE, WARNING, Code, announce
 from bunraku.formats import gltf
 from bunraku.formats.axes import guess_up, world_from_axes
 from bunraku.formats.files import Location, read_bytes
 from bunraku.formats.meshes import merge_pieces, read_pieces
 from bunraku.formats.reading import read_motion
 from bunraku.formats.sniffing import sniff
-from bunraku.meshes import connected_parts, face_normals, referenced, weld
+from bunraku.formats.surfaces import check_surface, measure_surface
 from bunraku.skinning import forward_kinematics
-from bunraku.types import NO_PARENT, FormatError, Mesh
+from bunraku.types import FormatError, Mesh
 
-NOTE, WARNING = "note", "warning"
-
-FLAT = 1e-4  # thickness of a sheet, as a share of the longest extent
-FEW_FACES = 100
+Vector = tuple[float, float, float]
+SEVERITIES = {NOTE: "note", WARNING: "warning"}
 
 
 @dataclass(frozen=True)
 class Fault:
     """Something that is odd about a file."""
 
-    code: str  # stable, for programs
-    where: str
+    code: str  # stable, for programs: docs/errors.md
+    where: str  # a JSON pointer, a line, a frame; empty if the whole file is meant
     message: str
-    severity: str  # note: common and harmless; warning: results may suffer
+    severity: str  # note: common and harmless; warning: repaired, or results may suffer
 
 
 @dataclass(frozen=True)
@@ -51,19 +52,25 @@ class Inspection:
     kind: str  # figure, character, motion or depth
     format: str  # gltf, obj, ply, stl, off, bvh or folder
     bytes: int
+    meshes: int = 0
+    pieces: int = 0  # primitives, groups or solids in the file
     vertices: int = 0
+    welded_vertices: int = 0  # those at equal positions taken as one
     faces: int = 0
-    pieces: int = 0  # meshes or groups in the file
-    parts: int = 0  # connected parts, vertices at equal positions taken as one
+    parts: int = 0  # connected parts, after welding
     closed: bool = False
     boundary_edges: int = 0  # edges of one face
     non_manifold_edges: int = 0  # edges of three faces or more
-    extent: tuple[float, float, float] = (0.0, 0.0, 0.0)  # x, y, z, after turning upright
-    up: str = "y"  # axis of the file
+    low: Vector = (0.0, 0.0, 0.0)  # smallest x, y, z, after turning upright
+    high: Vector = (0.0, 0.0, 0.0)  # largest
+    extent: Vector = (0.0, 0.0, 0.0)  # high - low
+    up: str = "y"  # axis of the file: its format's own, or else a guess
+    facing: str = "+z"  # axis of the file that the figure looks along, by custom
     materials: int = 0
     textures: int = 0
     skins: tuple[int, ...] = ()  # joints of each
     joints: int = 0
+    bind: str = ""  # see gltf.description.name_bind; rest for a motion
     clips: tuple[ClipSummary, ...] = ()
     extensions_used: tuple[str, ...] = ()
     extensions_required: tuple[str, ...] = ()
@@ -76,6 +83,43 @@ def inspect(path: Location) -> Inspection:
     Raises:
         FormatError: if it cannot be read.
     """
+    with _collecting_faults() as faults:
+        found = _inspect(path)
+    return replace(found, faults=(*dict.fromkeys(faults), *found.faults))
+
+
+@contextmanager
+def _collecting_faults() -> Iterator[list[Fault]]:
+    """Collect what readers announce."""
+    package, handler = logging.getLogger("bunraku"), _FaultHandler(NOTE)
+    previous = package.level
+    package.addHandler(handler)
+    package.setLevel(min(package.getEffectiveLevel(), NOTE))
+    try:
+        yield handler.faults
+    finally:
+        package.setLevel(previous)
+        package.removeHandler(handler)
+
+
+class _FaultHandler(logging.Handler):
+    """Keep announced faults in order."""
+
+    def __init__(self, level: int) -> None:
+        super().__init__(level)
+        self.faults: list[Fault] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Keep a record that `announce` made."""
+        fault = record.__dict__
+        if isinstance(fault.get("code"), Code):
+            severity = SEVERITIES.get(record.levelno, "warning")
+            told = Fault(fault["code"].name, fault["where"], fault["found"], severity)
+            self.faults.append(told)
+
+
+def _inspect(path: Location) -> Inspection:
+    """Say what a file or folder holds."""
     if os.path.isdir(path):
         return _inspect_folder(path)
     content = read_bytes(path)
@@ -90,51 +134,54 @@ def inspect(path: Location) -> Inspection:
     up = guess_up(mesh, kind)
     mesh = Mesh(mesh.vertices @ world_from_axes(up).T, mesh.faces)
     images = {material.image for material in materials if material.image}
-    found = replace(found, up=up, pieces=len(pieces))
-    found = replace(found, materials=len(materials), textures=len(images))
+    found = replace(found, up=up, facing="+z" if up == "y" else "-y", meshes=len(pieces))
+    found = replace(found, pieces=len(pieces), materials=len(materials), textures=len(images))
     return _inspect_surface(found, mesh)
 
 
 def _inspect_gltf(found: Inspection, content: bytes) -> Inspection:
     """Say what a glTF file holds."""
     told = gltf.describe(found.path, content)
-    if not told["vertices"] and not told["joints"]:
-        raise FormatError(found.path, "", "shows no mesh and holds no rig; export it with geometry")
+    mesh: Mesh | None = told["mesh"]
+    if mesh is None and not told["joints"]:
+        message = "shows no mesh and holds no rig; export it with its surface"
+        raise FormatError(found.path, "/meshes", message, code=Code.MESH_EMPTY)
+    if mesh is None:
+        message = "has a rig but no surface: nothing can be animated, or animate others, with it"
+        announce(found.path, message, code=Code.RIG_NO_SURFACE, where="/meshes")
     found = replace(
         found,
         kind="character" if told["joints"] else "figure",
+        meshes=told["meshes"],
         pieces=told["primitives"],
+        facing=told["facing"],
         materials=told["materials"],
         textures=told["textures"],
         skins=tuple(told["skins"]),
         joints=told["joints"],
+        bind=told["bind"],
         clips=tuple(ClipSummary(*clip) for clip in told["clips"]),
         extensions_used=tuple(told["extensions_used"]),
         extensions_required=tuple(told["extensions_required"]),
-        faults=tuple(Fault("repaired", "", text, WARNING) for text in told["warnings"]),
     )
-    if not told["vertices"]:
-        return found
-    return _inspect_surface(found, gltf.read_figure(found.path, content).mesh)
+    if mesh is None:
+        return _add_bounds(found, told["places"])
+    if guess_up(mesh, "gltf") != "y":
+        message = "the figure may lie: by its shape, z is up; check, or give --up z"
+        announce(found.path, message, code=Code.MESH_UP, level=NOTE)
+    return _inspect_surface(found, mesh)
 
 
 def _inspect_motion(found: Inspection) -> Inspection:
     """Say what a BVH holds."""
     skeleton, clip = read_motion(found.path)
     places = forward_kinematics(skeleton.parents, skeleton.rest)[:, :3, 3]
-    repeated = len(skeleton.names) - len(set(skeleton.names))
-    faults = found.faults
-    if repeated:
-        faults += (Fault("repeated-names", "", f"{repeated} joints share a name", NOTE),)
-    if (skeleton.parents == NO_PARENT).sum() > 1:
-        faults += (Fault("several-roots", "", "has more than one root", NOTE),)
     return replace(
-        found,
+        _add_bounds(found, places),
         kind="motion",
         joints=len(skeleton.names),
-        extent=_extent(places),
+        bind="rest",
         clips=(ClipSummary(clip.name, float(np.ptp(clip.times)), len(clip.times)),),
-        faults=faults,
     )
 
 
@@ -143,78 +190,43 @@ def _inspect_folder(path: Location) -> Inspection:
     frames = sorted(Path(path).glob("*.png"))
     if not frames or not (Path(path) / "intrinsics.json").is_file():
         raise FormatError(
-            path, "", "is a folder without NNNN.png frames and intrinsics.json; give a file"
+            path,
+            "",
+            "is a folder without NNNN.png frames and intrinsics.json; give a file",
+            code=Code.FILE_FOLDER,
         )
-    fault = Fault("not-read", "", "depth frames are counted, not read", NOTE)
+    fault = Fault("not-read", "", "depth frames are counted, not read", "note")
     size = sum(frame.stat().st_size for frame in frames)
     video = ClipSummary(Path(path).name, 0.0, len(frames))
     return Inspection(os.fspath(path), "depth", "folder", size, clips=(video,), faults=(fault,))
 
 
-def _extent(points: Float[np.ndarray, "points 3"]) -> tuple[float, float, float]:
-    """Give the size of the box around points."""
-    x, y, z = np.ptp(points, axis=0).tolist()
+def _add_bounds(found: Inspection, points: Float[np.ndarray, "points 3"]) -> Inspection:
+    """Add the box around points to an inspection."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    return replace(found, low=_vector(low), high=_vector(high), extent=_vector(high - low))
+
+
+def _vector(array: Float[np.ndarray, "3"]) -> Vector:
+    x, y, z = array.tolist()
     return x, y, z
 
 
 def _inspect_surface(found: Inspection, mesh: Mesh) -> Inspection:
-    """Add what the geometry shows to an inspection, and its faults."""
-    _, faces, welded_of = weld(mesh.vertices, mesh.faces)
-    used = referenced(mesh.faces, len(mesh.vertices))
-    edges = _count_edges(faces)
-    parts = connected_parts(faces, int(welded_of.max()) + 1)
-    found = replace(
+    """Add what the geometry shows to an inspection, and announce what is odd about it."""
+    if not np.ptp(mesh.vertices, axis=0).any():
+        message = "all vertices lie at one point; export it again with its shape"
+        raise FormatError(found.path, "/meshes", message, code=Code.MESH_NO_AREA)
+    surface = measure_surface(mesh)
+    check_surface(found.path, mesh, surface)
+    found = _add_bounds(found, mesh.vertices[surface.used] if len(mesh.faces) else mesh.vertices)
+    return replace(
         found,
         vertices=len(mesh.vertices),
+        welded_vertices=surface.welded_vertices,
         faces=len(mesh.faces),
-        parts=len(np.unique(parts[welded_of[used]])),
-        closed=bool(len(faces)) and not any(edges.values()),
-        boundary_edges=edges["boundary"],
-        non_manifold_edges=edges["non-manifold"],
-        extent=_extent(mesh.vertices[used] if used.any() else mesh.vertices),
+        parts=surface.parts,
+        closed=surface.is_closed,
+        boundary_edges=surface.boundary_edges,
+        non_manifold_edges=surface.non_manifold_edges,
     )
-    return replace(found, faults=found.faults + tuple(_find_faults(found, mesh, used, edges)))
-
-
-def _count_edges(faces: Int[np.ndarray, "faces 3"]) -> dict[str, int]:
-    """Count the edges that a closed, evenly turned surface does not have."""
-    starts, ends = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
-    count = int(faces.max(initial=0)) + 1
-    undirected = np.minimum(starts, ends) * count + np.maximum(starts, ends)
-    _, times = np.unique(undirected, return_counts=True)
-    _, again = np.unique(starts * count + ends, return_counts=True)
-    crowded = int((times > 2).sum())
-    return {
-        "boundary": int((times == 1).sum()),
-        "non-manifold": crowded,
-        "turned": int((again > 1).sum()) if not crowded else 0,
-    }
-
-
-def _find_faults(
-    found: Inspection,
-    mesh: Mesh,
-    used: Bool[np.ndarray, " vertices"],
-    edges: dict[str, int],
-) -> Iterator[Fault]:
-    """List what is odd about a surface."""
-    if not len(mesh.faces):
-        yield Fault("no-faces", "", "has no faces: it is taken as a point cloud", WARNING)
-        return
-    corners = mesh.vertices / (np.abs(mesh.vertices[used]).max() or 1.0)
-    areas = np.linalg.norm(face_normals(corners, mesh.faces), axis=1)
-    doubled = len(mesh.faces) - len(np.unique(np.sort(mesh.faces, axis=1), axis=0))
-    flat = min(found.extent) < FLAT * max(found.extent)
-    odd = (
-        ("zero-area", int((areas <= 1e-14).sum()), "faces have no area", WARNING),
-        ("flat", int(flat), "sheet: the figure has no thickness", WARNING),
-        ("few-faces", len(mesh.faces) * (len(mesh.faces) < FEW_FACES), "faces are few", NOTE),
-        ("unused-vertices", int((~used).sum()), "vertices belong to no face", NOTE),
-        ("doubled-faces", doubled, "faces are there more than once", NOTE),
-        ("open", edges["boundary"], "edges have one face only: the surface is open", NOTE),
-        ("non-manifold", edges["non-manifold"], "edges have three faces or more", NOTE),
-        ("turned-faces", edges["turned"], "edges have faces that disagree on the outside", NOTE),
-    )
-    for code, count, message, severity in odd:
-        if count:
-            yield Fault(code, "", f"{count} {message}", severity)

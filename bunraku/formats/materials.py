@@ -1,21 +1,18 @@
 """Wavefront MTL: names, diffuse colours and textures that lie inside the OBJ's folder."""
 
-import io
-import logging
-import warnings
 from collections.abc import Sequence
 
 import numpy as np
-from PIL import Image
 
+from bunraku import limits
+from bunraku.errors import NOTE, WARNING, Code, announce
 from bunraku.formats.files import Location, read_beside
+from bunraku.formats.pictures import as_png_or_jpeg, count_pixels
 from bunraku.formats.pieces import Material, linear_from_srgb
 from bunraku.types import FormatError
 
-LARGEST_LIBRARY, LARGEST_TEXTURE, MOST_PIXELS = 64 << 20, 256 << 20, 64_000_000
+LARGEST_LIBRARY, LARGEST_TEXTURE = 64 << 20, 256 << 20
 _OPTION_LENGTHS = {"-o": 3, "-s": 3, "-t": 3, "-mm": 2}  # numbers after it; other options have one
-
-logger = logging.getLogger(__name__)
 
 
 def read_materials(path: Location, library_lines: Sequence[str]) -> list[Material]:
@@ -26,7 +23,8 @@ def read_materials(path: Location, library_lines: Sequence[str]) -> list[Materia
             try:
                 content = read_beside(path, name, limit=LARGEST_LIBRARY)
             except FormatError as error:
-                logger.warning("%s: mtllib %s; materials are left out", path, error.message)
+                message = f"mtllib {error.message}; materials are left out"
+                _announce_loss(path, message, error.code)
                 continue
             for material in _parse_library(path, content.decode("utf-8", "replace")):
                 materials.setdefault(material.name, material)
@@ -88,20 +86,23 @@ def _texture_name(words: str) -> str:
 
 
 def _read_texture(path: Location, name: str) -> bytes:
-    """Read a picture as PNG or JPEG bytes; nothing, with a warning, if that cannot be done."""
+    """Read a picture as PNG or JPEG bytes; nothing, announced, if that cannot be done."""
     try:
         content = read_beside(path, name.replace("\\", "/"), limit=LARGEST_TEXTURE)
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", Image.DecompressionBombWarning)
-            picture = Image.open(io.BytesIO(content))
-            if picture.width * picture.height > MOST_PIXELS:
-                raise ValueError("more than 64 million pixels")
-            if picture.format in ("PNG", "JPEG"):
-                return content
-            stream = io.BytesIO()
-            picture.convert("RGBA").save(stream, "PNG")
-            return stream.getvalue()
-    except (FormatError, OSError, ValueError, Warning, SyntaxError) as error:
-        reason = error.message if isinstance(error, FormatError) else f"{name!r}: {error}"
-        logger.warning("%s: map_Kd %s; the texture is left out", path, reason)
-        return b""
+        pixels = count_pixels(content)
+        if not 0 < pixels <= limits.PIXELS:
+            trouble = f"more than {limits.PIXELS} pixels" if pixels else "is no picture"
+            code = Code.LIMIT_PIXELS if pixels else Code.MATERIAL_MISSING
+            raise FormatError(path, "map_Kd", f"{name[:60]!r} {trouble}", code=code)
+        return as_png_or_jpeg(content)
+    except FormatError as error:
+        _announce_loss(path, f"map_Kd {error.message}; the texture is left out", error.code)
+    except (OSError, ValueError, SyntaxError, EOFError) as error:
+        message = f"map_Kd {name[:60]!r}: {error}; the texture is left out"
+        _announce_loss(path, message, Code.MATERIAL_MISSING)
+    return b""
+
+
+def _announce_loss(path: Location, message: str, code: Code) -> None:
+    """Say what is left out: only noted if it is just not there, as in most files passed on."""
+    announce(path, message, code=code, level=NOTE if code is Code.URI_MISSING else WARNING)

@@ -6,8 +6,10 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
+from bunraku import limits
+from bunraku.errors import Code, announce
 from bunraku.formats.files import Location
 from bunraku.formats.headers import check_ply, check_stl
 from bunraku.formats.obj import read_obj
@@ -16,11 +18,6 @@ from bunraku.formats.pieces import Material, Piece
 from bunraku.formats.ply_polygons import split_polygons
 from bunraku.formats.polygons import triangulate
 from bunraku.types import FormatError, Mesh
-
-MOST_VERTICES = 5_000_000
-_LARGEST_COORDINATE = 1e37  # room for products in float32, which GLB stores
-
-logger = logging.getLogger(__name__)
 
 
 def read_pieces(path: Location, content: bytes, kind: str) -> tuple[list[Piece], list[Material]]:
@@ -34,14 +31,20 @@ def read_pieces(path: Location, content: bytes, kind: str) -> tuple[list[Piece],
     pieces, materials = _read(path, content, kind)
     count = sum(len(piece.positions) for piece in pieces)
     if not count:
-        raise FormatError(path, "", "holds no vertices; export it again with geometry")
-    if count > MOST_VERTICES:
-        raise FormatError(path, "", f"has {count} vertices, at most {MOST_VERTICES}; decimate it")
+        raise FormatError(
+            path, "", "holds no vertices; export it again with geometry", code=Code.MESH_EMPTY
+        )
+    if count > limits.VERTICES:
+        raise FormatError(
+            path,
+            "",
+            f"has {count} vertices, at most {limits.VERTICES}; decimate it",
+            code=Code.LIMIT_VERTICES,
+        )
     for piece in pieces:
         _check_piece(path, piece)
-    _check_extent(path, pieces)
     if not any(len(piece.faces) for piece in pieces):
-        logger.warning("%s: has no faces; it is taken as a point cloud", path)
+        announce(path, "has no faces; it is taken as a point cloud", code=Code.MESH_POINTS)
     return pieces, materials
 
 
@@ -59,13 +62,14 @@ def _read(path: Location, content: bytes, kind: str) -> tuple[list[Piece], list[
 
 def _check_piece(path: Location, piece: Piece) -> None:
     """Refuse coordinates and indices that mean nothing."""
-    wrong = ~(np.abs(piece.positions) < _LARGEST_COORDINATE).all(axis=1)
+    wrong = ~(np.abs(piece.positions) < limits.COORDINATE).all(axis=1)
     if wrong.any():
         first = int(wrong.argmax())
         raise FormatError(
             path,
             f"vertex {first}",
             f"is {piece.positions[first].tolist()}; wanted finite numbers, export it again",
+            code=Code.MESH_NONFINITE,
         )
     outside = ((piece.faces < 0) | (piece.faces >= len(piece.positions))).any(axis=1)
     if outside.any():
@@ -75,18 +79,8 @@ def _check_piece(path: Location, piece: Piece) -> None:
             f"face {first}",
             f"is {piece.faces[first].tolist()}, but there are {len(piece.positions)} vertices, "
             "counted from 0; export it again",
+            code=Code.MESH_INDEX,
         )
-
-
-def _check_extent(path: Location, pieces: list[Piece]) -> None:
-    """Refuse a figure of which all triangles are points or lie on one line."""
-    area = 0.0
-    for piece in pieces:
-        corners = piece.positions[piece.faces] / (np.abs(piece.positions).max() or 1.0)
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        area += float(np.linalg.norm(normals, axis=1).sum())
-    if any(len(piece.faces) for piece in pieces) and area <= 1e-14:
-        raise FormatError(path, "", "has faces, but no area: they are points or lines; check it")
 
 
 def _read_ply(path: Location, content: bytes) -> list[Piece]:
@@ -95,44 +89,65 @@ def _read_ply(path: Location, content: bytes) -> list[Piece]:
     pieces = _read_with_trimesh(path, content, "ply")
     if polygons is None:
         return pieces
-    corners, starts = polygons
-    wrong = (corners < 0) | (corners >= len(pieces[0].positions))
+    return [replace(pieces[0], faces=_cut_polygons(path, pieces[0].positions, *polygons))]
+
+
+def _cut_polygons(
+    path: Location,
+    positions: Float[np.ndarray, "vertices 3"],
+    corners: Int[np.ndarray, " corners"],
+    starts: Int[np.ndarray, " starts"],
+) -> Int[np.ndarray, "faces 3"]:
+    """Cut polygons into triangles, after a look at their corners."""
+    few = np.diff(starts) < 3
+    wrong = (corners < 0) | (corners >= len(positions))
+    if few.any():
+        message = "has fewer than three corners; export it again"
+        raise FormatError(path, f"face {int(few.argmax())}", message, code=Code.MESH_CORNERS)
     if wrong.any():
         face = int(np.searchsorted(starts, wrong.argmax(), side="right")) - 1
-        raise FormatError(path, f"face {face}", "has a corner that is no vertex; export it again")
-    faces, _ = triangulate(pieces[0].positions, corners, starts)
-    return [replace(pieces[0], faces=corners[faces])]
+        message = "has a corner that is no vertex; export it again"
+        raise FormatError(path, f"face {face}", message, code=Code.MESH_INDEX)
+    return corners[triangulate(positions, corners, starts)[0]]
 
 
 def _read_with_trimesh(path: Location, content: bytes, kind: str) -> list[Piece]:
     """Let trimesh read a PLY or STL; whatever it raises becomes a FormatError."""
     from trimesh.exchange import ply, stl  # takes 0.3 s, and only these two formats need it
 
+    logging.getLogger("trimesh").addHandler(logging.NullHandler())  # it logs tracebacks
     load = {"ply": ply.load_ply, "stl": stl.load_stl}[kind]
     try:
         with np.errstate(all="ignore"):
             loaded = load(io.BytesIO(content))
             solids = loaded.get("geometry") or {"": loaded}
-            return [_piece(name, solid) for name, solid in solids.items()]
+            return [_piece(path, name, solid) for name, solid in solids.items()]
+    except FormatError:
+        raise
     except Exception as error:  # trimesh raises almost anything on damaged files
         reason = " ".join(str(error).split())[:80]
         raise FormatError(
-            path, "", f"is a damaged {kind.upper()} file ({type(error).__name__}: {reason})"
+            path,
+            "",
+            f"is a damaged {kind.upper()} file ({type(error).__name__}: {reason})",
+            code=Code.MESH_DAMAGED,
         ) from None
 
 
-def _piece(name: str, loaded: dict[str, Any]) -> Piece:
+def _piece(path: Location, name: str, loaded: dict[str, Any]) -> Piece:
     """Take the arrays that we keep out of trimesh's."""
     positions = np.asarray(loaded["vertices"], np.float64).reshape(-1, 3)
     faces = loaded.get("faces")
-    faces = np.empty((0, 3)) if faces is None or not len(faces) else np.asarray(faces)
-    if faces.shape[1] == 4:
-        faces = faces[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
+    faces = np.zeros((0, 3), np.int64) if faces is None or not len(faces) else np.asarray(faces)
+    faces = faces.astype(np.int64, copy=False)
+    if faces.shape[1] != 3:
+        starts = np.arange(len(faces) + 1) * faces.shape[1]
+        faces = _cut_polygons(path, positions, faces.reshape(-1), starts)
     count = len(positions)
     return Piece(
         name,
         positions,
-        faces.astype(np.int64),
+        faces,
         normals=_per_vertex(loaded.get("vertex_normals"), count),
         uvs=_per_vertex(getattr(loaded.get("visual"), "uv", None), count),
         colours=_colours(loaded.get("vertex_colors"), count),

@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Float, Int
 
+from bunraku.errors import Code
 from bunraku.formats.files import Location
 from bunraku.formats.headers import check_off
 from bunraku.formats.pieces import Piece
@@ -31,7 +32,7 @@ def _read_vertices(path: Location, rows: list[list[str]]) -> Float[np.ndarray, "
     except ValueError:
         wrong = next(i for i, row in enumerate(rows) if not _are_numbers(row[:3]))
         raise FormatError(
-            path, f"vertex {wrong}", "wanted three numbers; export it again"
+            path, f"vertex {wrong}", "wanted three numbers; export it again", code=Code.MESH_NUMBER
         ) from None
 
 
@@ -58,7 +59,10 @@ def _read_polygons(
         if not sound or min(polygon) < 0 or max(polygon) >= count:
             shown = " ".join(row)[:50]
             raise FormatError(
-                path, f"face {number}", f"wanted corners from 0 to {count - 1}, got {shown!r}"
+                path,
+                f"face {number}",
+                f"wanted corners from 0 to {count - 1}, got {shown!r}",
+                code=Code.MESH_INDEX,
             )
         corners += polygon
         starts.append(len(corners))

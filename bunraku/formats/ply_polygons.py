@@ -6,6 +6,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Int
 
+from bunraku.errors import Code
 from bunraku.formats.files import Location
 from bunraku.formats.headers import PLY_SIZES, PlyElement, find_ply_body, read_ply_elements
 from bunraku.types import FormatError
@@ -68,7 +69,10 @@ def _walk(
         at += wide + rest + count * width
         if at > len(content) or count < 3:
             raise FormatError(
-                path, f"face {number}", f"has {count} corners where the file ends; export it again"
+                path,
+                f"face {number}",
+                f"has {count} corners where the file ends; export it again",
+                code=Code.MESH_COUNT,
             )
         places[number], counts[number] = start + wide, count
     return places, counts

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from bunraku.errors import Code
 from bunraku.formats import gltf
 from bunraku.formats.axes import check_axes, guess_up, world_from_axes
 from bunraku.formats.bvh import read_recording
@@ -36,7 +37,9 @@ def read_figure(path: Location, *, up: str | None = None, facing: str | None = N
     content = read_bytes(path)
     kind = sniff(path, content)
     if kind == "bvh":
-        raise FormatError(path, "", f"is a BVH motion, not a figure; wanted {WANTED}")
+        raise FormatError(
+            path, "", f"is a BVH motion, not a figure; wanted {WANTED}", code=Code.FILE_KIND
+        )
     up = up or _up_beside(facing)
     world_from_file = np.eye(4)
     if kind == "gltf":
@@ -70,7 +73,12 @@ def read_character(path: Location) -> Character:
     content = read_bytes(path)
     kind = sniff(path, content)
     if kind != "gltf":
-        raise FormatError(path, "", f"is {kind.upper()}, which holds no rig; wanted a rigged .glb")
+        raise FormatError(
+            path,
+            "",
+            f"is {kind.upper()}, which holds no rig; wanted a rigged .glb",
+            code=Code.FILE_KIND,
+        )
     return gltf.read_character(path, content)
 
 
@@ -83,5 +91,7 @@ def read_motion(path: Location) -> tuple[Skeleton, Clip]:
     content = read_bytes(path)
     kind = sniff(path, content)
     if kind != "bvh":
-        raise FormatError(path, "", f"is {kind.upper()}, not a BVH motion; wanted a .bvh")
+        raise FormatError(
+            path, "", f"is {kind.upper()}, not a BVH motion; wanted a .bvh", code=Code.FILE_KIND
+        )
     return read_recording(path, content)

@@ -3,6 +3,7 @@
 import re
 from pathlib import PurePath
 
+from bunraku.errors import Code
 from bunraku.formats.files import Location
 from bunraku.types import FormatError
 
@@ -44,7 +45,7 @@ def sniff(path: Location, content: bytes) -> str:
         return kind
     for pattern, what in _FOREIGN:
         if re.match(pattern, head, re.DOTALL):
-            raise FormatError(path, "", f"holds {what}; wanted {WANTED}")
+            raise FormatError(path, "", f"holds {what}; wanted {WANTED}", code=Code.FILE_KIND)
     if head[:2] in (b"\xff\xfe", b"\xfe\xff"):
         return _by_signature(b"", content.decode("utf-16", "replace").encode()[:_HEAD]) or "obj"
     suffix = PurePath(path).suffix.lower().lstrip(".")
@@ -53,7 +54,7 @@ def sniff(path: Location, content: bytes) -> str:
         return "obj"
     if suffix in ("stl", "off", "ply", "bvh"):
         return suffix
-    raise FormatError(path, "", f"is of no known format; wanted {WANTED}")
+    raise FormatError(path, "", f"is of no known format; wanted {WANTED}", code=Code.FILE_KIND)
 
 
 def _by_signature(content: bytes, head: bytes) -> str:

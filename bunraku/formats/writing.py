@@ -2,6 +2,7 @@
 
 from pathlib import PurePath
 
+from bunraku.errors import Code
 from bunraku.formats import gltf
 from bunraku.formats.files import Location, write_atomically
 from bunraku.formats.meshes import encode_obj, encode_ply
@@ -21,7 +22,12 @@ def write_character(path: Location, figure: Figure, character: Character) -> Non
     """
     suffix = PurePath(path).suffix.lower()
     if suffix != ".glb":
-        raise FormatError(path, "", f"cannot hold a rig as {suffix or 'no suffix'!s}; wanted .glb")
+        raise FormatError(
+            path,
+            "",
+            f"cannot hold a rig as {suffix or 'no suffix'!s}; wanted .glb",
+            code=Code.OUT_SUFFIX,
+        )
     write_atomically(path, gltf.encode_character(figure, character))
 
 
@@ -35,6 +41,9 @@ def write_mesh(path: Location, mesh: Mesh) -> None:
     encoders = {".obj": encode_obj, ".ply": encode_ply, ".glb": gltf.encode_mesh}
     if suffix not in encoders:
         raise FormatError(
-            path, "", f"cannot be written as {suffix or 'no suffix'}; wanted .obj .ply or .glb"
+            path,
+            "",
+            f"cannot be written as {suffix or 'no suffix'}; wanted .obj .ply or .glb",
+            code=Code.OUT_SUFFIX,
         )
     write_atomically(path, encoders[suffix](mesh))

@@ -4,7 +4,14 @@ from pathlib import Path
 import pytest
 import typer
 
-from bunraku.cli.failures import WarningLines, about, describe_failure, shorten
+from bunraku.cli.failures import (
+    WarningLines,
+    about,
+    describe_failure,
+    printing_warnings,
+    shorten,
+)
+from bunraku.errors import NOTE, Code, announce
 from bunraku.types import FormatError, MatchError
 
 
@@ -29,8 +36,11 @@ def test_running_out_of_memory_is_the_figures_fault():
 
 
 def test_exit_codes():
-    assert describe_failure(FormatError("a.glb", "", "is empty")) == (2, "error: a.glb: is empty")
-    assert describe_failure(MatchError("a.glb: no fit")) == (3, "error: a.glb: no fit")
+    empty = FormatError("a.glb", "", "is empty", code=Code.FILE_EMPTY)
+    assert describe_failure(empty) == (2, "error: a.glb: is empty [FILE_EMPTY]")
+    unknown = FormatError("a.glb", "", "is odd")
+    assert describe_failure(unknown) == (2, "error: a.glb: is odd [INPUT]")
+    assert describe_failure(MatchError("a.glb: no fit")) == (3, "error: a.glb: no fit [MATCH_POOR]")
     assert describe_failure(KeyboardInterrupt())[0] == 130
     assert describe_failure(BrokenPipeError()) == (0, "")
     code, line = describe_failure(typer.BadParameter("no such clip"))
@@ -52,7 +62,7 @@ def test_long_lines_are_cut_in_the_middle():
 
 def test_a_warning_is_printed_once_with_its_file(capsys):
     logger = logging.getLogger("bunraku.test")
-    handler = WarningLines(Path("hero.obj"))
+    handler = WarningLines(Path("hero.obj"), logging.WARNING)
     logger.addHandler(handler)
     try:
         for message in ("loose hat", "hero.obj: loose hat", "loose hat"):
@@ -61,3 +71,17 @@ def test_a_warning_is_printed_once_with_its_file(capsys):
     finally:
         logger.removeHandler(handler)
     assert capsys.readouterr().err == "warning: hero.obj: loose hat\n"
+
+
+def test_a_warning_shows_its_code_and_notes_only_where_they_are_asked_for(capsys):
+    path = Path("hero.obj")
+    for level, count in ((logging.WARNING, 1), (NOTE, 2)):
+        with printing_warnings(path, level=level):
+            logging.getLogger("bunraku").setLevel(NOTE)
+            announce(path, "open", code=Code.MESH_OPEN, where="/meshes/0", level=NOTE)
+            announce(path, "thin", code=Code.MESH_FLAT)
+        lines = capsys.readouterr().err.splitlines()
+        assert lines[-1] == "warning: hero.obj: thin [MESH_FLAT]"
+        assert len(lines) == count
+    assert lines[0] == "warning: hero.obj: /meshes/0: open [MESH_OPEN]"
+    logging.getLogger("bunraku").setLevel(logging.NOTSET)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from bunraku.errors import Code
 from bunraku.formats.bvh import _read_strictly, read_recording
 from bunraku.formats.bvh_text import parse_recording
 from bunraku.skinning import clip_transforms, forward_kinematics
@@ -128,9 +129,26 @@ def test_values_that_mean_nothing_are_refused(tmp_path, old, new, message):
 
 
 def test_too_many_joints_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("bunraku.formats.bvh.MOST_JOINTS", 2)
-    with pytest.raises(FormatError, match="has 3 joints and 2 frames, at most 2 and 100000"):
+    monkeypatch.setattr("bunraku.limits.JOINTS", 2)
+    with pytest.raises(FormatError, match="has 3 joints, at most 2 are read") as caught:
         read(tmp_path, LEG)
+    assert caught.value.code is Code.LIMIT_JOINTS
+
+
+def test_too_many_frames_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr("bunraku.limits.JOINT_FRAMES", 5)
+    with pytest.raises(FormatError, match=r"2 frames of 3 joints, at most .* 5 joints times"):
+        read(tmp_path, LEG)
+
+
+def test_bytes_that_no_text_has_are_refused(tmp_path):
+    with pytest.raises(FormatError, match="holds NUL bytes"):
+        read(tmp_path, LEG.replace("Knee", "Kn\0e"))
+
+
+def test_what_other_programs_trip_over_is_announced(tmp_path, caplog):
+    read(tmp_path, LEG.replace("Knee", "Hips"))
+    assert "1 joints have a name that another joint has" in caplog.text
 
 
 def test_recordings_of_shared_data_are_upright_and_about_as_tall_as_people(data):

@@ -1,10 +1,14 @@
 import os
+import signal
+import time
 
 import pytest
 
 from bunraku.formats import files
-from bunraku.formats.files import read_beside, read_bytes, write_atomically
+from bunraku.formats.files import check_place, read_beside, read_bytes, write_atomically
 from bunraku.types import FormatError
+
+KILLS = 100  # moments at which a writer is killed
 
 
 def test_what_is_written_is_read(tmp_path):
@@ -32,14 +36,34 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path, monkeypat
     assert (tmp_path / "a.bin").read_bytes() == b"old"
 
 
-def test_an_interrupted_write_leaves_nothing(tmp_path, monkeypatch):
-    def interrupt(source, target):
+@pytest.mark.parametrize("nameless", [True, False])
+@pytest.mark.parametrize("old", [b"", b"old"])
+def test_an_interrupted_write_leaves_nothing(tmp_path, monkeypatch, nameless, old):
+    def interrupt(*_, **__):
         raise KeyboardInterrupt
 
+    if old:
+        (tmp_path / "a.bin").write_bytes(old)
+    if not nameless:
+        monkeypatch.setattr(files, "_open_nameless", lambda folder: None)
     monkeypatch.setattr(files.os, "replace", interrupt)
+    monkeypatch.setattr(files.os, "fsync", interrupt)
     with pytest.raises(KeyboardInterrupt):
         write_atomically(tmp_path / "a.bin", b"new")
-    assert os.listdir(tmp_path) == []
+    monkeypatch.undo()
+    assert os.listdir(tmp_path) == (["a.bin"] if old else [])
+    assert not old or (tmp_path / "a.bin").read_bytes() == old
+
+
+@pytest.mark.parametrize("nameless", [True, False])
+def test_old_and_new_files_are_written_whole(tmp_path, monkeypatch, nameless):
+    if not nameless:
+        monkeypatch.setattr(files, "_open_nameless", lambda folder: None)
+    for content in (b"first", b"second"):
+        write_atomically(tmp_path / "a.bin", content)
+        assert (tmp_path / "a.bin").read_bytes() == content
+    check_place(tmp_path / "b.bin")
+    assert os.listdir(tmp_path) == ["a.bin"]
 
 
 def test_a_link_is_written_through(tmp_path):
@@ -116,3 +140,26 @@ def test_a_missing_file_beside_is_told_of_the_file_that_names_it(tmp_path):
         read_beside(tmp_path / "a.obj", "b.mtl")
     with pytest.raises(FormatError, match="refers to 'aaaa"):
         read_beside(tmp_path / "a.obj", "a" * 5000)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_a_hundred_kills_tear_lose_and_leave_nothing(tmp_path, rng):
+    """A child writes file after file and is killed at a random moment, over and over."""
+    for number in range(KILLS):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        child = os.fork()
+        if child == 0:
+            try:
+                for count in range(10**9):
+                    write_atomically(folder / f"{count}.bin", bytes([count % 7 + 1]) * 300_000)
+            finally:
+                os._exit(1)
+        time.sleep(rng.uniform(0.002, 0.05))
+        os.kill(child, signal.SIGKILL)
+        assert os.waitpid(child, 0)[1] == signal.SIGKILL
+        for path in folder.iterdir():
+            assert path.name == f"{int(path.stem)}.bin", "a left-over file"
+            whole = bytes([int(path.stem) % 7 + 1]) * 300_000
+            assert path.read_bytes() == whole, "a torn file"
+    assert sum(1 for _ in tmp_path.glob("*/*.bin")) > KILLS

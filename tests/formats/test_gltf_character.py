@@ -270,7 +270,6 @@ def test_a_file_that_cannot_move_is_no_character():
 def test_description_counts_what_is_there():
     found = describe("arm.glb", made_arm().glb())
     assert found["clips"] == [("bend", 1.0, 2)]
-    assert (found["vertices"], found["faces"], found["joints"]) == (4, 2, 2)
-    assert (found["skins"], found["meshes"], found["height"]) == ([2], 1, 1.0)
-    assert found["warnings"] == []
+    assert (len(found["mesh"].vertices), len(found["mesh"].faces), found["joints"]) == (4, 2, 2)
+    assert (found["skins"], found["meshes"], found["facing"]) == ([2], 1, "+z")
     assert describe("t.glb", made_triangle().glb())["joints"] == 0

@@ -116,7 +116,6 @@ def test_oddities_are_announced(caplog):
     [
         ((2, "rotation", [0, 1], [[0, 0, 0, 1]], "LINEAR"), "1 values for 2 key times"),
         ((2, "scale", [0, 1], np.ones((2, 3)), "CUBICSPLINE"), "2 values for 2 key times"),
-        ((2, "scale", [0, 0], np.ones((2, 3)), "LINEAR"), "numbers that rise"),
         ((2, "scale", [1, 0], np.ones((2, 3)), "LINEAR"), "numbers that rise"),
         ((2, "scale", [0, 1e30], np.ones((2, 3)), "LINEAR"), "key time 1e\\+30 s"),
         ((2, "scale", [0, 1], np.full((2, 3), np.nan), "LINEAR"), "NaN or infinite"),
@@ -128,3 +127,20 @@ def test_damaged_clips_are_refused(track, message):
     with pytest.raises(FormatError, match=message) as caught:
         read_clip(track)
     assert caught.value.where.startswith(("/accessors/", "/animations/0"))
+
+
+def test_of_keys_at_one_time_the_last_counts(caplog):
+    made = made_arm()
+    values = np.array([[1.0, 1, 1], [2, 2, 2], [3, 3, 3]])
+    made.clip("twice", (2, "scale", [0, 1, 1], values, "LINEAR"))
+    clip = next(c for c in read_character("arm.glb", made.glb()).clips if c.name == "twice")
+    assert clip.times.tolist() == [0, 1]
+    assert np.allclose(clip.scales[:, 1], values[[0, 2]])
+    assert "1 keys have the time of the next one" in caplog.text
+
+
+def test_a_clip_without_channels_is_left_out(caplog):
+    made = made_arm()
+    made.json["animations"].append({"name": "nothing"})
+    assert [clip.name for clip in read_character("arm.glb", made.glb()).clips] == ["bend"]
+    assert "has no channels" in caplog.text

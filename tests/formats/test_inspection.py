@@ -4,8 +4,10 @@ import msgspec
 import numpy as np
 import pytest
 
-from bunraku.formats import inspect, write_mesh
+from bunraku.errors import Code
+from bunraku.formats import inspect, read_figure, write_mesh
 from bunraku.types import FormatError, Mesh
+from tests.fuzz.mutants import make_rigged
 
 
 @pytest.fixture
@@ -28,7 +30,9 @@ def test_a_closed_cube_is_sound(told, cube, name):
     assert found.closed
     assert (found.boundary_edges, found.non_manifold_edges) == (0, 0)
     assert found.extent == pytest.approx((1.0, 1.0, 1.0))
-    assert set(codes(found)) == {"few-faces"}
+    assert (found.low, found.high) == (pytest.approx((0, 0, 0)), pytest.approx((1, 1, 1)))
+    assert found.facing in ("+z", "-y")
+    assert set(codes(found)) == {"MESH_FEW_FACES"}
     assert found.bytes > 0
 
 
@@ -41,7 +45,7 @@ def test_an_open_cube_has_a_boundary(told, cube):
     found = told(Mesh(cube.vertices, cube.faces[2:]))
     assert not found.closed
     assert found.boundary_edges == 4
-    assert codes(found)["open"].message == "4 edges have one face only: the surface is open"
+    assert codes(found)["MESH_OPEN"].message == "4 edges have one face only: it is open"
 
 
 def test_parts_are_counted_after_welding(told, cube):
@@ -49,6 +53,7 @@ def test_parts_are_counted_after_welding(told, cube):
     found = told(apart)
     assert found.parts == 1
     assert found.closed
+    assert (found.vertices, found.welded_vertices) == (36, 8)
     two = Mesh(
         np.concatenate([cube.vertices, cube.vertices + 3]),
         np.concatenate([cube.faces, cube.faces + 8]),
@@ -69,7 +74,7 @@ def test_a_turned_face_is_found(told, cube):
     faces = cube.faces.copy()
     faces[0] = faces[0, ::-1]
     found = told(Mesh(cube.vertices, faces))
-    assert "turned-faces" in codes(found)
+    assert "MESH_TURNED" in codes(found)
     assert not found.closed
 
 
@@ -77,17 +82,17 @@ def test_odd_geometry_is_reported(told, cube):
     vertices = np.concatenate([cube.vertices, [[9.0, 9, 9]]])
     faces = np.concatenate([cube.faces, cube.faces[:1], [[0, 0, 1]]])
     found = told(Mesh(vertices, faces))
-    assert codes(found)["unused-vertices"].message == "1 vertices belong to no face"
-    assert codes(found)["doubled-faces"].severity == "note"
-    assert codes(found)["zero-area"].severity == "warning"
+    assert codes(found)["MESH_UNUSED"].message == "1 vertices belong to no face"
+    assert codes(found)["MESH_DOUBLED"].severity == "note"
+    assert codes(found)["MESH_ZERO_AREA"].severity == "warning"
     assert found.extent == pytest.approx((1.0, 1.0, 1.0))  # stray vertices do not count
     sheet = told(Mesh(cube.vertices * [1, 1, 0], cube.faces))
-    assert "flat" in codes(sheet)
+    assert "MESH_FLAT" in codes(sheet)
 
 
 def test_points_are_a_warning(told, cube):
     found = told(Mesh(cube.vertices, np.empty((0, 3), np.int64)))
-    assert codes(found)["no-faces"].severity == "warning"
+    assert codes(found)["MESH_POINTS"].severity == "warning"
     assert not found.closed
 
 
@@ -106,7 +111,9 @@ def test_a_motion_tells_its_clip(tmp_path):
     found = inspect(tmp_path / "walk.bvh")
     assert (found.kind, found.joints) == ("motion", 2)
     assert found.clips[0] == type(found.clips[0])("walk", 1.0, 3)
-    assert "repeated-names" in codes(found)
+    assert "1 joints have a name that another joint has" in [
+        fault.message for fault in found.faults
+    ]
 
 
 def test_a_folder_of_depth_frames_is_told_from_any_folder(tmp_path):
@@ -122,3 +129,25 @@ def test_a_file_with_nothing_in_it_is_refused(tmp_path):
     (tmp_path / "a.gltf").write_text('{"asset": {"version": "2.0"}}')
     with pytest.raises(FormatError, match="shows no mesh and holds no rig"):
         inspect(tmp_path / "a.gltf")
+
+
+def test_a_surface_without_area_is_a_warning_and_no_figure(told, tmp_path):
+    line = Mesh(np.array([[0.0, 0, 0], [1, 1, 1], [2, 2, 2]]), np.array([[0, 1, 2]]))
+    for name in ("a.obj", "a.ply", "a.glb"):
+        assert codes(told(line, name))["MESH_NO_AREA"].severity == "warning"
+        with pytest.raises(FormatError, match="every triangle has zero area") as caught:
+            read_figure(tmp_path / name)
+        assert caught.value.code is Code.MESH_NO_AREA
+    with pytest.raises(FormatError, match="all vertices lie at one point"):
+        told(Mesh(np.ones((3, 3)), line.faces))
+
+
+def test_a_rig_without_a_surface_tells_its_joints_and_clips(tmp_path):
+    made = make_rigged()
+    del made.json["nodes"][2]["mesh"], made.json["nodes"][2]["skin"], made.json["meshes"]
+    (tmp_path / "moves.glb").write_bytes(made.glb())
+    found = inspect(tmp_path / "moves.glb")
+    assert codes(found)["RIG_NO_SURFACE"].severity == "warning"
+    assert (found.joints, found.bind, found.vertices) == (2, "same", 0)
+    assert found.clips[0].name == "wave"
+    assert np.isfinite(found.high).all()

@@ -4,6 +4,7 @@ import logging
 import pytest
 from PIL import Image
 
+from bunraku.errors import NOTE
 from bunraku.formats.materials import read_materials
 
 
@@ -41,7 +42,7 @@ def test_other_pictures_become_png(tmp_path):
 
 @pytest.mark.parametrize("name", ["none.png", "../outside.png", "a.mtl", "/etc/hostname"])
 def test_a_texture_that_cannot_be_read_is_a_warning(tmp_path, caplog, name):
-    with caplog.at_level(logging.WARNING):
+    with caplog.at_level(NOTE):
         (material,) = read(tmp_path, f"newmtl a\nmap_Kd {name}\n")
     assert material.image == b""
     assert "the texture is left out" in caplog.text

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from bunraku.formats import meshes
 from bunraku.formats.meshes import encode_obj, encode_ply, merge_pieces, read_pieces
 from bunraku.formats.pieces import Piece
+from bunraku.meshes import face_normals
 from bunraku.types import FormatError, Mesh
 
 HEADER = "ply\nformat ascii 1.0\nelement vertex 4\n"
@@ -79,11 +79,14 @@ def test_pieces_merge_with_their_faces_shifted(cube):
 @pytest.mark.parametrize(
     ("content", "kind", "message"),
     [
-        (HEADER + XYZ + FACE + QUAD.replace("4 0 1 2 3", "4 0 1 2 9"), "ply", "4 vertices"),
+        (
+            HEADER + XYZ + FACE + QUAD.replace("4 0 1 2 3", "4 0 1 2 9"),
+            "ply",
+            "face 0: has a corner that is no",
+        ),
         (HEADER + XYZ + FACE + QUAD.replace("4 0 1 2 3", "3 0 1 -1"), "ply", r"face 0: is \[0, 1"),
         (HEADER + XYZ + FACE + QUAD.replace("1 1 0", "1 nan 0"), "ply", "vertex 2: is"),
         (HEADER + XYZ + FACE + QUAD.replace("1 1 0", "1 1"), "ply", "is a damaged PLY file"),
-        ("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3", "obj", "has faces, but no area"),
         ("v 0 0 0\nv 1 0 0\nv 0 1e300 0\nf 1 2 3", "obj", "vertex 2: is"),
         ("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 7\n", "off", "face 0|damaged OFF"),
     ],
@@ -94,6 +97,27 @@ def test_geometry_that_means_nothing_is_refused(content, kind, message):
 
 
 def test_too_many_vertices_are_refused(cube, monkeypatch):
-    monkeypatch.setattr(meshes, "MOST_VERTICES", 7)
+    monkeypatch.setattr("bunraku.limits.VERTICES", 7)
     with pytest.raises(FormatError, match="has 8 vertices, at most 7; decimate it"):
         read_pieces("a.obj", encode_obj(cube), "obj")
+
+
+@pytest.mark.parametrize("sides", [3, 4, 5, 7])
+@pytest.mark.parametrize("encoding", ["ascii", "binary_little_endian"])
+def test_polygons_of_any_one_size_are_cut(sides, encoding):
+    angles = 2 * np.pi * np.arange(sides) / sides
+    ring = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(sides)]).astype("<f4")
+    header = (
+        f"ply\nformat {encoding} 1.0\nelement vertex {sides}\nproperty float x\n"
+        "property float y\nproperty float z\nelement face 1\n"
+        "property list uchar int vertex_indices\nend_header\n"
+    ).encode()
+    if encoding == "ascii":
+        rows = [" ".join(map(str, row)) for row in ring.tolist()]
+        body = "\n".join([*rows, f"{sides} {' '.join(map(str, range(sides)))}", ""]).encode()
+    else:
+        body = ring.tobytes() + bytes([sides]) + np.arange(sides, dtype="<i4").tobytes()
+    pieces, _ = read_pieces("a.ply", header + body, "ply")
+    area = np.linalg.norm(face_normals(pieces[0].positions, pieces[0].faces), axis=1).sum() / 2
+    assert len(pieces[0].faces) == sides - 2
+    assert area == pytest.approx(sides / 2 * np.sin(2 * np.pi / sides), rel=1e-5)

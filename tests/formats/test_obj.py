@@ -3,7 +3,7 @@ import logging
 import numpy as np
 import pytest
 
-from bunraku.formats.obj import read_obj
+from bunraku.formats.obj import read_obj, unite_corners
 from bunraku.types import FormatError
 
 SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
@@ -104,18 +104,47 @@ def test_a_continued_line_does_not_shift_the_numbers_of_later_lines():
         (SQUARE + "f 0 1 2\n", "line 5: wanted v indices from 1 to 4"),
         (SQUARE + "f -9 1 2\n", "line 5: wanted v indices from 1 to 4"),
         (SQUARE + "f 1 2 1e30\n", "line 5: wanted whole numbers such as 7/2/5"),
-        (SQUARE + f"f 1 2 {10**30}\n", "line 5: wanted whole numbers"),
+        (SQUARE + f"f 1 2 {10**30}\n", "line 5: wanted v indices from 1 to 4"),
         (SQUARE + "f 1 2 a/b\n", "line 5: wanted whole numbers"),
         (SQUARE + "f 1/1/1/1 2 3\n", "line 5: wanted whole numbers"),
         (SQUARE + "v 0 0\nf 1 2 3\n", "line 5: wanted v x y z, got 'v 0 0'"),
-        (SQUARE + "v 0,5 0 0\nf 1 2 3\n", "line 5: wanted numbers with a decimal point"),
-        (SQUARE + "v nan 0 0\nf 1 2 3\n", "line 5: wanted finite coordinates"),
-        (SQUARE + "v 1e400 0 0\nf 1 2 3\n", "line 5: wanted finite coordinates"),
+        (SQUARE + "v 0,5 0 0\nf 1 2 5\n", "line 5: wanted numbers with a decimal point"),
+        (SQUARE + "v nan 0 0\nf 1 2 5\n", "line 5: wanted finite coordinates"),
+        (SQUARE + "v 1e400 0 0\nf 1 2 5\n", "line 5: wanted finite coordinates"),
     ],
 )
 def test_an_error_names_its_line(text, message):
     with pytest.raises(FormatError, match=message):
         read(text)
+
+
+@pytest.mark.parametrize("word", ["nan", "0,5", "3.1+e2", "1e400"])
+def test_a_damaged_vertex_that_no_face_uses_is_left_out(caplog, word):
+    (piece,) = read(SQUARE + f"v {word} 0 0\nf 1 2 3\n")
+    assert len(piece.positions) == 3
+    assert "1 vertices that no face uses are no numbers" in caplog.text
+
+
+def test_words_in_names_are_no_keywords_and_hashes_no_comments():
+    (piece,) = read("g v 1 2 #3\n" + SQUARE + "f 1 2 3 # f 4\n#f 1 2 9\n  \n\n")
+    assert piece.name == "v 1 2 #3"
+
+
+@pytest.mark.parametrize("indices", ["1/1/1 2//1 3/1", "1//1 2//1 3/1/1", "1/ 2/1/ 3//"])
+def test_uneven_corners_are_read_one_by_one(indices):
+    (piece,) = read(SQUARE + f"vt 0 0\nvn 0 0 1\nf {indices}\n")
+    assert piece.faces.tolist() == [[0, 1, 2]]
+
+
+def test_united_corners_agree_with_a_plain_loop(rng):
+    part_of = np.repeat([0, 1], 30)
+    corners = rng.integers(-1, 4, (60, 3))
+    corners[:, 0] = np.abs(corners[:, 0])
+    rows, faces = unite_corners(part_of, corners)
+    every = [tuple(row) for row in np.column_stack([part_of, corners]).tolist()]
+    plain = sorted(set(every))
+    assert [tuple(row) for row in rows.tolist()] == plain
+    assert faces.ravel().tolist() == [plain.index(row) for row in every]
 
 
 def test_a_long_line_is_cut_in_the_message():

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int, Shaped
 
+from bunraku.errors import Code
 from bunraku.formats.gltf.document import Document
 from bunraku.formats.gltf.schema import COMPONENTS, WIDTHS
 
@@ -33,7 +34,11 @@ def read_integers(document: Document, index: int, width: int) -> Int[np.ndarray,
     values = _read(document, index, width)
     if values.dtype.kind != "u":
         where = f"/accessors/{index}/componentType"
-        raise document.fault(where, "indices must be unsigned integers; export the file again")
+        raise document.fault(
+            where,
+            "indices must be unsigned integers; export the file again",
+            code=Code.GLTF_ACCESSOR,
+        )
     return values.astype(np.int64)
 
 
@@ -42,7 +47,11 @@ def _read(document: Document, index: int, width: int) -> Shaped[np.ndarray, "...
     accessor = document.gltf.accessors[index]
     if WIDTHS[accessor.type] != width or accessor.type in ("MAT2", "MAT3"):
         wanted = next(name for name, size in reversed(WIDTHS.items()) if size == width)
-        raise document.fault(f"/accessors/{index}/type", f"must be {wanted}, not {accessor.type}")
+        raise document.fault(
+            f"/accessors/{index}/type",
+            f"must be {wanted}, not {accessor.type}",
+            code=Code.GLTF_ACCESSOR,
+        )
     kind = COMPONENTS[accessor.component_type]
     if accessor.buffer_view is None:
         values = np.zeros((accessor.count, width), kind)
@@ -69,7 +78,7 @@ def _overlay(
     rows = places[: sparse.count].astype(np.int64)
     if len(rows) and rows.max() >= len(values):
         message = f"index {rows.max()} of {len(values)} elements"
-        raise document.fault(f"/accessors/{index}/sparse/indices", message)
+        raise document.fault(f"/accessors/{index}/sparse/indices", message, code=Code.GLTF_INDEX)
     result = values.copy()
     result[rows] = fresh[: sparse.count * width].reshape(-1, width)
     return result

@@ -1,10 +1,13 @@
 """Where the joints of a file were when its meshes were bound, in world space."""
 
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from bunraku import limits
+from bunraku.errors import Code
 from bunraku.formats.gltf.accessors import read_floats
 from bunraku.formats.gltf.document import Document
 from bunraku.formats.gltf.geometry import Block
@@ -37,15 +40,17 @@ def read_inverse_bind(document: Document, skin: int) -> Float[np.ndarray, "joint
         return np.tile(np.eye(4), (count, 1, 1))
     columns = read_floats(document, accessor.inverse_bind_matrices, 16)
     if len(columns) < count:
-        raise document.fault(where, f"{len(columns)} matrices for {count} joints")
+        raise document.fault(
+            where, f"{len(columns)} matrices for {count} joints", code=Code.SKIN_BIND
+        )
     matrices = columns[:count].reshape(-1, 4, 4).transpose(0, 2, 1).copy()
     matrices[:, 3] = 0, 0, 0, 1
-    finite = np.isfinite(matrices).all(axis=(1, 2))
+    finite = (np.abs(matrices) < limits.COORDINATE).all(axis=(1, 2))
     volume = np.linalg.det(np.where(finite[:, None, None], matrices, 0.0)[:, :3, :3])
-    flat = ~(np.abs(volume) > 1e-30)
+    flat = ~((np.abs(volume) > 1e-30) & (np.abs(volume) < 1e30))
     if flat.any():
         message = f"matrix {int(flat.argmax())} is NaN or cannot be inverted; bind the mesh again"
-        raise document.fault(where, message)
+        raise document.fault(where, message, code=Code.SKIN_BIND)
     return matrices
 
 
@@ -169,7 +174,7 @@ def add_rigid_joints(
     else:
         wanted = set()
         for node in {block.node for block in blocks if not block.is_skinned}:
-            path = tree.ancestors(node)
+            path = list(tree.ancestors(node))
             wanted |= animated.intersection(path) - bind.keys()
             if not any(step in bind or step in wanted for step in path):
                 wanted.add(path[-1])
@@ -210,6 +215,6 @@ def sort_joints(tree: Tree, nodes: set[int]) -> tuple[tuple[int, ...], Int[np.nd
     place = {node: index for index, node in enumerate(joints)}
     parents = np.full(len(joints), NO_PARENT)
     for index, node in enumerate(joints):
-        above = (step for step in tree.ancestors(node)[1:] if step in place)
+        above = (step for step in islice(tree.ancestors(node), 1, None) if step in place)
         parents[index] = place.get(next(above, NO_PARENT), NO_PARENT)
     return joints, parents

@@ -1,8 +1,13 @@
 """Read a glTF file as a character: rigid joint frames, the mesh in its bind pose, all clips."""
 
+from collections import Counter
+from dataclasses import dataclass
+
 import numpy as np
 from jaxtyping import Float, Int
 
+from bunraku import limits
+from bunraku.errors import Code
 from bunraku.formats.files import Location
 from bunraku.formats.gltf.binding import (
     Binding,
@@ -13,14 +18,16 @@ from bunraku.formats.gltf.binding import (
     sort_joints,
 )
 from bunraku.formats.gltf.clips import build_frames, read_clips
-from bunraku.formats.gltf.document import Document, read_document
+from bunraku.formats.gltf.document import Document
+from bunraku.formats.gltf.draco import read_unpacked
 from bunraku.formats.gltf.figure import join_blocks
 from bunraku.formats.gltf.geometry import Block, read_blocks
 from bunraku.formats.gltf.tree import Tree, build_tree
 from bunraku.rotations import compose_transforms, invert_rigid, nearest_rotation
 from bunraku.skinning import linear_blend_skinning, local_transforms
-from bunraku.types import Character, Mesh, Skeleton, Skin
+from bunraku.types import NO_PARENT, Character, Clip, Mesh, Skeleton, Skin
 
+FLATTEST = 1e-40  # volume of axes that can still be inverted
 SAME_POSE = 1e-4  # how far apart, as a share of the size, two binds of one joint count as one
 
 
@@ -37,38 +44,90 @@ def read_character(path: Location, content: bytes | None = None) -> Character:
     Raises:
         FormatError: if the file cannot be trusted, or nothing in it can move.
     """
-    document = read_document(path, content)
+    document = read_unpacked(path, content)
     tree = build_tree(document)
     return build_character(document, tree, read_blocks(document, tree))
 
 
-def build_character(document: Document, tree: Tree, blocks: list[Block]) -> Character:
-    """Put the parts of a rigged document together; see `read_character`."""
+@dataclass(frozen=True, eq=False)
+class Rig:
+    """What moves the meshes of a document."""
+
+    nodes: tuple[int, ...]  # of the joints, parents first
+    binding: Binding
+    rest: Float[np.ndarray, "joints 4 4"]  # world_from_joint when the meshes were bound, rigid
+    skeleton: Skeleton
+    clips: tuple[Clip, ...]
+
+
+def build_rig(document: Document, tree: Tree, blocks: list[Block]) -> Rig:
+    """Find the joints of a rigged document, their rest pose and clips.
+
+    Raises:
+        FormatError: if there are no joints, or more than are read.
+    """
     if not document.gltf.skins and not animated_nodes(document):
-        raise document.fault("", "is not rigged: it has neither a skin nor animated nodes")
+        message = "is not rigged: it has neither a skin nor animated nodes"
+        raise document.fault("", message, code=Code.RIG_MISSING)
     binding = add_rigid_joints(document, tree, blocks, bind_skins(document, tree, blocks))
+    if len(binding.bind) > limits.JOINTS:
+        message = f"{len(binding.bind)} joints, at most {limits.JOINTS} are read; leave some out"
+        raise document.fault("/nodes", message, code=Code.LIMIT_JOINTS)
+    _announce_roots(document, tree)
     nodes, parents = sort_joints(tree, set(binding.bind))
     bind = np.stack([binding.bind[node] for node in nodes])
+    volume = np.abs(np.linalg.det(bind[:, :3, :3]))
+    flat = ~((volume > FLATTEST) & (volume < 1 / FLATTEST))
+    if flat.any():
+        where = f"/nodes/{nodes[int(flat.argmax())]}"
+        message = "the joint's scale is too small or large to be undone; apply scales and export"
+        raise document.fault(where, message, code=Code.NODE_TRANSFORM)
     rest = compose_transforms(bind[:, :3, 3], nearest_rotation(bind[:, :3, :3]))
     frames = build_frames(tree, nodes, parents, node_from_joint=np.linalg.inv(bind) @ rest)
     skeleton = Skeleton(name_joints(document, nodes), parents, local_transforms(parents, rest))
-    place = {node: joint for joint, node in enumerate(nodes)}
+    return Rig(nodes, binding, rest, skeleton, read_clips(document, tree, frames))
+
+
+def _announce_roots(document: Document, tree: Tree) -> None:
+    """Warn of skins whose joints hang on different roots, so that nothing moves them together."""
+    root = np.arange(len(tree.parents))
+    for node in tree.order:
+        if tree.parents[node] != NO_PARENT:
+            root[node] = root[tree.parents[node]]
+    for index, skin in enumerate(document.gltf.skins):
+        count = len(np.unique(root[skin.joints]))
+        if count > 1:
+            message = f"joints hang on {count} roots; each part moves by itself"
+            document.warn(f"/skins/{index}/joints", message, code=Code.SKIN_JOINTS)
+
+
+def build_character(document: Document, tree: Tree, blocks: list[Block]) -> Character:
+    """Put the parts of a rigged document together; see `read_character`."""
+    rig = build_rig(document, tree, blocks)
+    vertices, joints = sum(len(block.vertices) for block in blocks), len(rig.nodes)
+    if vertices * joints > limits.WEIGHTS:
+        message = (
+            f"{vertices} vertices times {joints} joints, at most {limits.WEIGHTS} are read; "
+            "decimate the mesh"
+        )
+        raise document.fault("/skins", message, code=Code.LIMIT_TOTAL)
+    place = {node: joint for joint, node in enumerate(rig.nodes)}
     parts = [_spread_weights(document, tree, block, place=place) for block in blocks]
-    skin = Skin(np.concatenate([np.zeros((0, len(nodes))), *parts]), invert_rigid(rest))
-    mesh = _bind_mesh(document, tree, blocks, binding=binding)
-    return Character(mesh, skeleton, skin, read_clips(document, tree, frames))
+    skin = Skin(np.concatenate([np.zeros((0, joints)), *parts]), invert_rigid(rig.rest))
+    mesh = _bind_mesh(document, tree, blocks, binding=rig.binding)
+    return Character(mesh, rig.skeleton, skin, rig.clips)
 
 
 def name_joints(document: Document, nodes: tuple[int, ...]) -> tuple[str, ...]:
     """Name each joint like its node; missing and repeated names are made unique."""
-    names: list[str] = []
+    names: dict[str, None] = {}
+    repeated: Counter[str] = Counter()
     for node in nodes:
         name = wanted = document.gltf.nodes[node].name or f"joint_{node}"
-        count = 1
         while name in names:
-            count += 1
-            name = f"{wanted}_{count}"
-        names.append(name)
+            repeated[wanted] += 1
+            name = f"{wanted}_{repeated[wanted] + 1}"
+        names[name] = None
     return tuple(names)
 
 
@@ -111,6 +170,10 @@ def _bind_mesh(document: Document, tree: Tree, blocks: list[Block], *, binding: 
         weights = _dense_weights(block, np.arange(len(motion)), len(motion))
         moved = linear_blend_skinning(vertices[here], weights, motion)
         if np.abs(moved - vertices[here]).max() > SAME_POSE * size:
-            document.warn(f"/skins/{skin}: bound in another pose than others; brought into theirs")
+            document.warn(
+                f"/skins/{skin}",
+                "bound in another pose than others; brought into theirs",
+                code=Code.SKIN_BIND,
+            )
             vertices[here] = moved
     return Mesh(vertices, mesh.faces)

@@ -2,23 +2,30 @@
 
 from collections.abc import Iterator
 
+from bunraku import limits
+from bunraku.errors import Code
 from bunraku.formats.gltf.schema import COMPONENTS, WIDTHS, Accessor, Gltf
 from bunraku.types import FormatError
 
 Reference = tuple[str, int | None, int, str]
-MAX_COUNT = 5_000_000  # elements of an accessor that no bytes stand behind
 
 
 def check_references(path: str, gltf: Gltf) -> None:
-    """Raise a FormatError if any index points at something that does not exist."""
+    """Raise a FormatError if any index points at nothing, or there are too many nodes or joints."""
+    if len(gltf.nodes) > limits.NODES:
+        message = f"{len(gltf.nodes)} nodes, at most {limits.NODES} are read; flatten the scene"
+        raise FormatError(path, "/nodes", message, code=Code.LIMIT_NODES)
     for where, index, count, what in _references(gltf):
         if index is not None and index >= count:
             message = f"{what} {index} does not exist (there are {count})"
-            raise FormatError(path, where, message)
+            raise FormatError(path, where, message, code=Code.GLTF_INDEX)
     for s, skin in enumerate(gltf.skins):
+        if len(skin.joints) > limits.JOINTS:
+            message = f"{len(skin.joints)} joints, at most {limits.JOINTS} are read; split the skin"
+            raise FormatError(path, f"/skins/{s}/joints", message, code=Code.LIMIT_JOINTS)
         if len(set(skin.joints)) < len(skin.joints):
             message = "a node is twice a joint of the skin; export the skin again"
-            raise FormatError(path, f"/skins/{s}/joints", message)
+            raise FormatError(path, f"/skins/{s}/joints", message, code=Code.SKIN_JOINTS)
 
 
 def check_ranges(path: str, gltf: Gltf) -> None:
@@ -27,7 +34,7 @@ def check_ranges(path: str, gltf: Gltf) -> None:
         end, size = view.byte_offset + view.byte_length, gltf.buffers[view.buffer].byte_length
         if end > size:
             message = f"ends at byte {end} of a buffer of {size}"
-            raise FormatError(path, f"/bufferViews/{v}", message)
+            raise FormatError(path, f"/bufferViews/{v}", message, code=Code.GLTF_RANGE)
     for index in range(len(gltf.accessors)):
         _check_fit(path, gltf, index)
 
@@ -35,14 +42,24 @@ def check_ranges(path: str, gltf: Gltf) -> None:
 def _check_fit(path: str, gltf: Gltf, index: int) -> None:
     accessor, where = gltf.accessors[index], f"/accessors/{index}"
     if accessor.buffer_view is None:
-        if accessor.count > MAX_COUNT:
-            raise FormatError(path, f"{where}/count", f"{accessor.count} elements without any data")
+        if accessor.count > limits.VERTICES:
+            raise FormatError(
+                path,
+                f"{where}/count",
+                f"{accessor.count} elements without any data",
+                code=Code.LIMIT_VERTICES,
+            )
     else:
         size = _element_size(accessor)
         stride = gltf.buffer_views[accessor.buffer_view].byte_stride or size
         if stride < size:
             message = f"elements of {size} bytes, {stride} bytes apart"
-            raise FormatError(path, f"/bufferViews/{accessor.buffer_view}/byteStride", message)
+            raise FormatError(
+                path,
+                f"/bufferViews/{accessor.buffer_view}/byteStride",
+                message,
+                code=Code.GLTF_RANGE,
+            )
         end = accessor.byte_offset + stride * (accessor.count - 1) + size
         _check_end(path, gltf, (where, accessor.buffer_view, end))
     if accessor.sparse is not None:
@@ -56,7 +73,7 @@ def _sparse_ends(path: str, index: int, accessor: Accessor) -> list[tuple[str, i
     assert sparse is not None
     if sparse.count > accessor.count:
         message = f"{sparse.count} elements differ, of {accessor.count}"
-        raise FormatError(path, f"/accessors/{index}/sparse/count", message)
+        raise FormatError(path, f"/accessors/{index}/sparse/count", message, code=Code.GLTF_RANGE)
     indices, values = sparse.indices, sparse.values
     places = indices.byte_offset + sparse.count * COMPONENTS[indices.component_type].itemsize
     end = values.byte_offset + sparse.count * _element_size(accessor)
@@ -67,7 +84,12 @@ def _check_end(path: str, gltf: Gltf, need: tuple[str, int, int]) -> None:
     where, view, end = need
     size = gltf.buffer_views[view].byte_length
     if end > size:
-        raise FormatError(path, where, f"needs {end} bytes of buffer view {view}, which has {size}")
+        raise FormatError(
+            path,
+            where,
+            f"needs {end} bytes of buffer view {view}, which has {size}",
+            code=Code.GLTF_RANGE,
+        )
 
 
 def _element_size(accessor: Accessor) -> int:
@@ -138,6 +160,9 @@ def _mesh_references(gltf: Gltf) -> Iterator[Reference]:
                     yield f"{where}/targets/{i}/{name}", index, accessors, "accessor"
             yield f"{where}/indices", primitive.indices, accessors, "accessor"
             yield f"{where}/material", primitive.material, len(gltf.materials), "material"
+            draco = primitive.extensions.draco
+            if draco is not None:
+                yield f"{where}/extensions", draco.buffer_view, len(gltf.buffer_views), "view"
 
 
 def _animation_references(gltf: Gltf) -> Iterator[Reference]:

@@ -12,11 +12,14 @@ rotation and scale are turned one by one, exactly; otherwise through matrices.
 """
 
 from dataclasses import dataclass
+from itertools import islice, takewhile
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial.transform import Rotation
 
+from bunraku import limits
+from bunraku.errors import Code
 from bunraku.formats.gltf.document import Document
 from bunraku.formats.gltf.tracks import Track, Values, choose_times, read_tracks, sample_tracks
 from bunraku.formats.gltf.tree import Tree
@@ -57,11 +60,11 @@ def build_frames(
     """Find the chain of nodes above each joint and what it does by default."""
     chains, above = [], np.tile(np.eye(4), (len(nodes), 1, 1))
     for joint, (node, parent) in enumerate(zip(nodes, parents, strict=True)):
-        path = tree.ancestors(node)[1:]
+        end = NO_PARENT if parent == NO_PARENT else nodes[parent]
+        path = takewhile(end.__ne__, islice(tree.ancestors(node), 1, None))
+        chains.append(tuple(path)[::-1])
         if parent != NO_PARENT:
-            path = path[: path.index(nodes[parent])]
             above[joint] = np.linalg.inv(node_from_joint[parent])
-        chains.append(tuple(reversed(path)))
         for step in chains[-1]:
             above[joint] = above[joint] @ tree.local[step]
     return Frames(nodes, parents, tuple(chains), node_from_joint, above)
@@ -74,12 +77,22 @@ def read_clips(document: Document, tree: Tree, frames: Frames) -> tuple[Clip, ..
         FormatError: if a clip is damaged.
     """
     between = {node for chain in frames.chains for node in chain}
-    moving, clips = between | set(frames.nodes), []
+    moving, clips, total = between | set(frames.nodes), [], 0
     for index, animation in enumerate(document.gltf.animations):
+        if not animation.channels:
+            where, code = f"/animations/{index}", Code.CLIP_CHANNEL
+            document.warn(where, "has no channels: nothing moves; left out", code=code)
         tracks = read_tracks(document, index, moving)
         if tracks:
             is_bent = any(_bends(track, between) for track in tracks)
             times = choose_times(document, index, tracks, dense=is_bent)
+            total += len(times) * len(frames.nodes)
+            if total > limits.JOINT_FRAMES:
+                message = (
+                    f"clips up to this one are {total} joints times frames, at most "
+                    f"{limits.JOINT_FRAMES} are read; leave some out"
+                )
+                raise document.fault(f"/animations/{index}", message, code=Code.LIMIT_TOTAL)
             parts = _move_joints(tree, frames, sample_tracks(tracks, times), count=len(times))
             clips.append(Clip(animation.name or f"clip_{index}", times, *parts))
     return tuple(clips)
@@ -117,13 +130,14 @@ def _move_joints(
 
 def _is_simple(frames: Frames) -> Bool[np.ndarray, " joints"]:
     """Tell which joints have similarities around their node's own transform."""
-    size = np.cbrt(np.linalg.det(frames.parent_from_chain[:, :3, :3]))
-    turn = frames.parent_from_chain[:, :3, :3] / size[:, None, None]
-    gap = np.abs(np.swapaxes(turn, 1, 2) @ turn - np.eye(3)).max(axis=(1, 2))
-    own = frames.node_from_joint[:, 0, 0]
-    own_gap = np.abs(frames.node_from_joint / own[:, None, None] - np.eye(4))[:, :3].max(
-        axis=(1, 2)
-    )
+    with np.errstate(divide="ignore", invalid="ignore"):  # axes without a size are not simple
+        size = np.cbrt(np.linalg.det(frames.parent_from_chain[:, :3, :3]))
+        turn = frames.parent_from_chain[:, :3, :3] / size[:, None, None]
+        gap = np.abs(np.swapaxes(turn, 1, 2) @ turn - np.eye(3)).max(axis=(1, 2))
+        own = frames.node_from_joint[:, 0, 0]
+        own_gap = np.abs(frames.node_from_joint / own[:, None, None] - np.eye(4))[:, :3].max(
+            axis=(1, 2)
+        )
     return (size > 0) & (own > 0) & (gap < SIMILAR) & (own_gap < SIMILAR)
 
 

@@ -6,12 +6,14 @@ import numpy as np
 
 from bunraku.formats.files import Location
 from bunraku.formats.gltf.binding import animated_nodes
-from bunraku.formats.gltf.character import build_character
-from bunraku.formats.gltf.document import read_document
+from bunraku.formats.gltf.character import Rig, build_rig
+from bunraku.formats.gltf.document import Document
+from bunraku.formats.gltf.draco import read_unpacked
 from bunraku.formats.gltf.figure import build_figure
 from bunraku.formats.gltf.geometry import read_blocks
-from bunraku.formats.gltf.tree import build_tree
-from bunraku.types import Clip
+from bunraku.formats.gltf.tree import Tree, build_tree
+
+SAME_PLACE = 1e-3  # of the longest extent: joints so near to where their nodes stand did not move
 
 
 def describe(path: Location, content: bytes | None = None) -> dict[str, Any]:
@@ -22,34 +24,55 @@ def describe(path: Location, content: bytes | None = None) -> dict[str, Any]:
         content: its bytes, if they are known already.
 
     Returns:
-        meshes, primitives, vertices, faces, materials, textures, skins (joints of each), joints,
-        clips (name, seconds, frames), height, extensions_used, extensions_required and warnings.
+        mesh (in the bind pose; nothing if none is shown), meshes, primitives, materials, textures,
+        skins (joints of each), joints, places (of the joints), bind (see `name_bind`), clips (name,
+        seconds, frames), facing, extensions_used and extensions_required.
 
     Raises:
         FormatError: if any part of it cannot be trusted.
     """
-    document = read_document(path, content)
+    document = read_unpacked(path, content)
     gltf, tree = document.gltf, build_tree(document)
     blocks = read_blocks(document, tree)
-    clips: tuple[Clip, ...] = ()
-    height, joints = 0.0, 0
+    rig = None
     if gltf.skins or animated_nodes(document):
-        character = build_character(document, tree, blocks)
-        clips, joints = character.clips, len(character.skeleton.names)
-    if blocks:
-        height = float(np.ptp(build_figure(document, tree, blocks).mesh.vertices[:, 1]))
+        rig = build_rig(document, tree, blocks)
+    clips = rig.clips if rig else ()
     return {
+        "mesh": build_figure(document, tree, blocks).mesh if blocks else None,
         "meshes": len(gltf.meshes),
         "primitives": sum(len(mesh.primitives) for mesh in gltf.meshes),
-        "vertices": sum(len(block.vertices) for block in blocks),
-        "faces": sum(len(block.faces) for block in blocks),
         "materials": len(gltf.materials),
         "textures": len(gltf.images),
         "skins": [len(skin.joints) for skin in gltf.skins],
-        "joints": joints,
+        "joints": len(rig.nodes) if rig else 0,
+        "places": rig.rest[:, :3, 3] if rig else None,
+        "bind": name_bind(document, tree, rig) if rig else "",
         "clips": [(clip.name, float(np.ptp(clip.times)), len(clip.times)) for clip in clips],
-        "height": height,
+        "facing": "-z" if "VRM" in gltf.extensions_used else "+z",  # VRM 0 looks back by definition
         "extensions_used": gltf.extensions_used,
         "extensions_required": gltf.extensions_required,
-        "warnings": document.warnings,
     }
+
+
+def name_bind(document: Document, tree: Tree, rig: Rig) -> str:
+    """Say where the pose comes from in which the meshes were bound.
+
+    Returns:
+        nodes: no skin, meshes hang on joints; identity: skins without inverse bind matrices;
+        same: inverse bind matrices, joints where the nodes stand; own: joints elsewhere.
+    """
+    used = {node.skin for node in document.gltf.nodes if node.skin is not None}
+    skins = [document.gltf.skins[skin] for skin in sorted(used)] or document.gltf.skins
+    if not skins:
+        return "nodes"
+    if all(skin.inverse_bind_matrices is None for skin in skins):
+        return "identity"
+    joints = list({node for skin in skins for node in skin.joints} & rig.binding.bind.keys())
+    bound = np.stack([rig.binding.bind[node] for node in joints])
+    extent = float(np.ptp(bound[:, :3, 3], axis=0).max()) or 1.0
+    gap = np.abs(bound - tree.world[joints])
+    moved = gap[:, :3, 3].max() > SAME_PLACE * extent
+    size = np.abs(bound[:, :3, :3]).max()
+    turned = gap[:, :3, :3].max() > 0.01 * size
+    return "own" if moved or turned else "same"

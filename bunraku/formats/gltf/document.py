@@ -3,31 +3,29 @@
 Nothing is allocated before plain integers say that the bytes are there.
 """
 
-import logging
 import os
-import re
 import struct
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import msgspec
 
+from bunraku import limits
+from bunraku.errors import WARNING, Code, announce
 from bunraku.formats.files import Location, read_bytes
 from bunraku.formats.gltf.checks import check_ranges, check_references
-from bunraku.formats.gltf.schema import Gltf, Node
+from bunraku.formats.gltf.parsing import parse_json
+from bunraku.formats.gltf.schema import Gltf, Image, Node
 from bunraku.formats.gltf.uris import read_uri
+from bunraku.formats.pictures import count_pixels
 from bunraku.types import FormatError
-
-logger = logging.getLogger(__name__)
 
 MAGIC, JSON_CHUNK, BINARY_CHUNK = b"glTF", 0x4E4F534A, 0x004E4942
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
-COMPRESSED = {
-    "KHR_draco_mesh_compression": "Draco",
-    "EXT_meshopt_compression": "meshopt",
-    "KHR_meshopt_compression": "meshopt",
-}
+COMPRESSED = ("EXT_meshopt_compression", "KHR_meshopt_compression")
+DECOMPRESS = "decompress it first: npx @gltf-transform/cli copy IN.glb OUT.glb"
+UNDERSTOOD = ("KHR_mesh_quantization", "KHR_draco_mesh_compression")
 HARMLESS = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_", "VRM")
 
 
@@ -40,16 +38,14 @@ class Document:
     gltf: Gltf
     buffers: tuple[memoryview, ...]
     is_binary: bool  # a GLB whose only buffer is its own chunk
-    warnings: list[str] = field(default_factory=list)  # what was announced so far
 
-    def fault(self, where: str, message: str) -> FormatError:
+    def fault(self, where: str, message: str, *, code: Code) -> FormatError:
         """Make the error that something at a JSON pointer is wrong."""
-        return FormatError(self.path, where, message)
+        return FormatError(self.path, where, message, code=code)
 
-    def warn(self, message: str) -> None:
+    def warn(self, where: str, message: str, *, code: Code, level: int = WARNING) -> None:
         """Announce something odd that was repaired or left out."""
-        self.warnings.append(message)
-        logger.warning("%s: %s", self.path, message)
+        announce(self.path, message, code=code, where=where, level=level)
 
     def copy_json(self) -> dict[str, Any]:
         """Give the JSON as a dictionary that the caller may change, keys in the file's order."""
@@ -69,7 +65,7 @@ def read_document(path: Location, content: bytes | None = None) -> Document:
     name = os.fspath(path)
     content = read_bytes(path) if content is None else content
     json, chunk = split_container(name, content)
-    gltf = _parse_json(name, json)
+    json, gltf = parse_json(name, json)
     _refuse_compression(name, gltf)
     check_references(name, gltf)
     check_ranges(name, gltf)
@@ -85,19 +81,33 @@ def split_container(path: str, content: bytes) -> tuple[bytes, memoryview | None
     if not content.startswith(MAGIC):
         text = content.removeprefix(BYTE_ORDER_MARK)
         if text.lstrip()[:1] != b"{":
-            raise FormatError(path, "", "is neither a GLB nor a glTF JSON document")
+            raise FormatError(
+                path, "", "is neither a GLB nor a glTF JSON document", code=Code.GLTF_JSON
+            )
         return text, None
     if len(content) < 20:
-        raise FormatError(path, "", f"GLB is cut off: {len(content)} bytes are no document")
+        raise FormatError(
+            path,
+            "",
+            f"GLB is cut off: {len(content)} bytes are no document",
+            code=Code.GLTF_CONTAINER,
+        )
     version, length = struct.unpack_from("<II", content, 4)
     if version != 2:
-        raise FormatError(path, "", f"GLB version {version}; only 2 is read, export it again")
+        raise FormatError(
+            path,
+            "",
+            f"GLB version {version}; only 2 is read, export it again",
+            code=Code.GLTF_VERSION,
+        )
     if length > len(content):
         message = f"GLB is cut off: it says {length} bytes and has {len(content)}"
-        raise FormatError(path, "", message)
+        raise FormatError(path, "", message, code=Code.GLTF_CONTAINER)
     chunks = list(_split_chunks(path, memoryview(content)[:length]))
     if not chunks or chunks[0][0] != JSON_CHUNK:
-        raise FormatError(path, "", "GLB does not begin with a JSON chunk")
+        raise FormatError(
+            path, "", "GLB does not begin with a JSON chunk", code=Code.GLTF_CONTAINER
+        )
     binary = chunks[1][1] if len(chunks) > 1 and chunks[1][0] == BINARY_CHUNK else None
     return bytes(chunks[0][1]), binary
 
@@ -108,86 +118,71 @@ def _split_chunks(path: str, content: memoryview) -> Iterator[tuple[int, memoryv
         length, kind = struct.unpack_from("<II", content, offset)
         if offset + 8 + length > len(content):
             message = f"GLB chunk at byte {offset} says {length} bytes, more than the file has"
-            raise FormatError(path, "", message)
+            raise FormatError(path, "", message, code=Code.GLTF_CONTAINER)
         yield kind, content[offset + 8 : offset + 8 + length]
         offset += 8 + length
-
-
-def _parse_json(path: str, json: bytes) -> Gltf:
-    try:
-        raw = msgspec.json.decode(json)
-        if not isinstance(raw, dict):
-            raise FormatError(path, "", "JSON must be an object")
-        if b"null" in json:
-            _refuse_null(path, raw)
-        gltf = msgspec.convert(raw, Gltf)
-    except msgspec.ValidationError as problem:
-        message, _, place = str(problem).partition(" - at ")
-        raise FormatError(path, _pointer(place), message.replace("`", "'")) from None
-    except RecursionError:
-        raise FormatError(path, "", "JSON is nested too deeply") from None
-    except (msgspec.DecodeError, UnicodeDecodeError) as problem:
-        raise FormatError(path, "", f"JSON is damaged: {problem}") from None
-    if not gltf.asset.version.startswith("2."):
-        message = f"glTF version {gltf.asset.version[:20]!r}; only 2 is read, export it again"
-        raise FormatError(path, "/asset/version", message)
-    return gltf
-
-
-def _pointer(place: str) -> str:
-    """Turn msgspec's `$.nodes[3].mesh` into the JSON pointer /nodes/3/mesh."""
-    steps: list[str] = re.findall(r"[^.\[\]`$]+", place.replace("[...]", ""))
-    return "".join(f"/{step}" for step in steps)
-
-
-def _refuse_null(path: str, raw: dict[str, Any]) -> None:
-    """Refuse null wherever the specification has no place for it."""
-    waiting: list[tuple[str, Any]] = [("", raw)]
-    while waiting:
-        where, value = waiting.pop()
-        if value is None:
-            raise FormatError(path, where, "null is not allowed here; leave the property out")
-        if isinstance(value, dict):
-            free = {"extras", "extensions"}
-            waiting += [(f"{where}/{key}", item) for key, item in value.items() if key not in free]
-        elif isinstance(value, list):
-            waiting += [(f"{where}/{i}", item) for i, item in enumerate(value)]
 
 
 def _refuse_compression(path: str, gltf: Gltf) -> None:
     for name in gltf.extensions_required:
         if name in COMPRESSED:
-            message = (
-                f"geometry is {COMPRESSED[name]} compressed; decompress it first: "
-                "npx @gltf-transform/cli copy IN.glb OUT.glb"
-            )
-            raise FormatError(path, "/extensionsRequired", message)
+            message = f"geometry is meshopt compressed; {DECOMPRESS}"
+            raise FormatError(path, "/extensionsRequired", message, code=Code.GLTF_COMPRESSED)
 
 
 def _announce_oddities(document: Document, content: bytes) -> None:
     """Warn of what is kept without being understood, is missing, or is left behind."""
     for name in document.gltf.extensions_required:
-        if not name.startswith(HARMLESS) and name != "KHR_mesh_quantization":
-            document.warn(f"required extension {name[:60]} is kept, but not understood")
+        if not name.startswith(HARMLESS) and name not in UNDERSTOOD:
+            document.warn(
+                "/extensionsRequired",
+                f"required extension {name[:60]} is kept, but not understood",
+                code=Code.GLTF_EXTENSION,
+            )
     if content.startswith(BYTE_ORDER_MARK):
-        document.warn("begins with a byte order mark, which glTF forbids; it is ignored")
+        document.warn(
+            "",
+            "begins with a byte order mark, which glTF forbids; it is ignored",
+            code=Code.GLTF_JSON,
+        )
     if content.startswith(MAGIC):
         extra = len(content) - int.from_bytes(content[8:12], "little")
         if extra:
-            document.warn(f"{extra} bytes after the end of the GLB are ignored")
+            document.warn(
+                "", f"{extra} bytes after the end of the GLB are ignored", code=Code.GLTF_CONTAINER
+            )
     _announce_misfits(document)
 
 
 def _announce_misfits(document: Document) -> None:
     for index, node in enumerate(document.gltf.nodes):
         if node.weights is not None and not _has_targets(document.gltf, node):
-            document.warn(f"/nodes/{index}/weights: are not one for each morph target")
+            document.warn(
+                f"/nodes/{index}/weights",
+                "are not one for each morph target",
+                code=Code.GLTF_SCHEMA,
+            )
     for index, image in enumerate(document.gltf.images):
-        if image.uri is not None and not image.uri.startswith("data:"):
-            try:
-                read_uri(document.path, f"/images/{index}/uri", image.uri)
-            except FormatError as problem:
-                document.warn(f"{problem.where}: {problem.message}")
+        where = f"/images/{index}"
+        try:
+            pixels = count_pixels(_read_image(document, where, image))
+        except FormatError as problem:
+            document.warn(problem.where, problem.message, code=problem.code)
+            continue
+        if pixels > limits.PIXELS:
+            message = f"more than {limits.PIXELS} pixels; it is kept, but scale it down"
+            document.warn(where, message, code=Code.LIMIT_PIXELS)
+
+
+def _read_image(document: Document, where: str, image: Image) -> bytes:
+    """Fetch the bytes of an image, wherever they are."""
+    if image.uri is not None:
+        return read_uri(document.path, f"{where}/uri", image.uri)[0]
+    if image.buffer_view is None:
+        return b""
+    view = document.gltf.buffer_views[image.buffer_view]
+    content = document.buffers[view.buffer]
+    return bytes(content[view.byte_offset : view.byte_offset + view.byte_length])
 
 
 def _has_targets(gltf: Gltf, node: Node) -> bool:
@@ -206,8 +201,13 @@ def _load_buffers(path: str, gltf: Gltf, chunk: memoryview | None) -> Iterator[m
         elif index == 0 and chunk is not None:
             content = chunk
         else:
-            raise FormatError(path, where, "buffer has no data: neither a URI nor a GLB chunk")
+            raise FormatError(
+                path,
+                where,
+                "buffer has no data: neither a URI nor a GLB chunk",
+                code=Code.GLTF_BUFFER,
+            )
         if len(content) < buffer.byte_length:
             message = f"buffer says {buffer.byte_length} bytes, its source has {len(content)}"
-            raise FormatError(path, f"{where}/byteLength", message)
+            raise FormatError(path, f"{where}/byteLength", message, code=Code.GLTF_BUFFER)
         yield content[: buffer.byte_length]

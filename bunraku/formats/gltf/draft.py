@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 from jaxtyping import Shaped
 
+from bunraku.errors import Code
 from bunraku.formats.gltf.document import BINARY_CHUNK, JSON_CHUNK, MAGIC, Document
 from bunraku.formats.gltf.schema import COMPONENTS
 from bunraku.formats.gltf.uris import read_uri
@@ -126,7 +127,11 @@ def _embed_pictures(document: Document, draft: Draft) -> None:
         kinds = (kind for magic, kind in PICTURES.items() if content.startswith(magic))
         kind = picture.get("mimeType") or next(kinds, None)
         if kind is None:
-            document.warn(f"/images/{index}: unknown picture format; the result still names it")
+            document.warn(
+                f"/images/{index}",
+                "unknown picture format; the result still names it",
+                code=Code.MATERIAL_MISSING,
+            )
             continue
         del picture["uri"]
         picture |= {"bufferView": draft.add_bytes(content), "mimeType": kind}

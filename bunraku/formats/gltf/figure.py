@@ -5,9 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from bunraku.errors import Code
 from bunraku.formats.files import Location
 from bunraku.formats.gltf.binding import bind_skins, place_block
-from bunraku.formats.gltf.document import Document, read_document
+from bunraku.formats.gltf.document import Document
+from bunraku.formats.gltf.draco import read_unpacked
 from bunraku.formats.gltf.geometry import Block, read_blocks
 from bunraku.formats.gltf.tree import Tree, build_tree
 from bunraku.meshes import face_normals
@@ -45,13 +47,20 @@ def read_figure(
         those of the file, in its order.
 
     Raises:
-        FormatError: if the file cannot be trusted, or shows no triangles.
+        FormatError: if the file cannot be trusted, or shows no surface of any area.
     """
-    document = read_document(path, content)
+    document = read_unpacked(path, content)
     tree = build_tree(document)
     blocks = read_blocks(document, tree)
     turn = np.eye(4) if world_from_file is None else world_from_file
-    return build_figure(document, tree, blocks, world_from_file=turn)
+    figure = build_figure(document, tree, blocks, world_from_file=turn)
+    if len(figure.mesh.faces) and not face_normals(figure.mesh.vertices, figure.mesh.faces).any():
+        raise document.fault(
+            "/meshes",
+            "every triangle has zero area; export the surface again",
+            code=Code.MESH_NO_AREA,
+        )
+    return figure
 
 
 def build_figure(
@@ -63,12 +72,10 @@ def build_figure(
 ) -> Figure:
     """Place all blocks in the world, in their bind pose; see `read_figure`."""
     if not blocks:
-        raise document.fault("/meshes", "no mesh is shown; export a surface")
+        raise document.fault("/meshes", "no mesh is shown; export a surface", code=Code.MESH_EMPTY)
     binding = bind_skins(document, tree, blocks)
     places = np.stack([world_from_file @ place_block(document, tree, binding, b) for b in blocks])
     mesh = join_blocks(document, blocks, places)
-    if len(mesh.faces) and not face_normals(mesh.vertices, mesh.faces).any():
-        raise document.fault("/meshes", "every triangle has zero area; export the surface again")
     sizes = [len(block.vertices) for block in blocks]
     kept = FigureDocument(document, tree, tuple(blocks), places, world_from_file)
     pieces = np.repeat(np.arange(len(blocks)), sizes)
@@ -87,5 +94,9 @@ def join_blocks(
         first += len(block.vertices)
     joined = np.concatenate(vertices)
     if not np.isfinite(joined).all():
-        raise document.fault("/nodes", "vertices are too far away to compute with; scale it down")
+        raise document.fault(
+            "/nodes",
+            "vertices are too far away to compute with; scale it down",
+            code=Code.MESH_NONFINITE,
+        )
     return Mesh(joined, np.concatenate(faces))

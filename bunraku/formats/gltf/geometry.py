@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from bunraku import limits
+from bunraku.errors import Code
 from bunraku.formats.gltf.accessors import read_floats, read_integers
 from bunraku.formats.gltf.document import Document
 from bunraku.formats.gltf.influences import read_influences
@@ -13,7 +15,6 @@ from bunraku.formats.gltf.tree import Tree
 
 POINTS, TRIANGLES, STRIP, FAN = 0, 4, 5, 6
 SURFACE = {TRIANGLES, STRIP, FAN}
-MAX_VERTICES = 5_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,10 +46,14 @@ def read_blocks(document: Document, tree: Tree) -> list[Block]:
     modes = {primitive.mode for _, mesh in pairs for primitive in meshes[mesh].primitives}
     wanted = SURFACE if modes & SURFACE else {POINTS}
     if modes and not modes & SURFACE:
-        document.warn("has no faces; it is taken as a point cloud")
+        document.warn("", "has no faces; it is taken as a point cloud", code=Code.MESH_POINTS)
     blocks = [block for node, mesh in pairs for block in _read_mesh(document, node, mesh, wanted)]
-    if sum(len(block.vertices) for block in blocks) > MAX_VERTICES:
-        raise document.fault("/meshes", f"more than {MAX_VERTICES} vertices; decimate it first")
+    if sum(len(block.vertices) for block in blocks) > limits.VERTICES:
+        raise document.fault(
+            "/meshes",
+            f"more than {limits.VERTICES} vertices; decimate it first",
+            code=Code.LIMIT_VERTICES,
+        )
     return blocks
 
 
@@ -58,9 +63,17 @@ def _read_mesh(document: Document, node: int, mesh: int, wanted: set[int]) -> li
     for index, primitive in enumerate(document.gltf.meshes[mesh].primitives):
         where = f"/meshes/{mesh}/primitives/{index}"
         if primitive.mode not in wanted:
-            document.warn(f"{where}: points or lines are kept, but are no part of the surface")
+            document.warn(
+                where,
+                "points or lines are kept, but are no part of the surface",
+                code=Code.MESH_LEFT_OUT,
+            )
         elif "POSITION" not in primitive.attributes:
-            document.warn(f"{where}: a primitive without POSITION is kept, but shows nothing")
+            document.warn(
+                where,
+                "a primitive without POSITION is kept, but shows nothing",
+                code=Code.MESH_LEFT_OUT,
+            )
         else:
             groups.setdefault(_vertex_buffer(primitive), []).append(index)
     return [_read_block(document, node, mesh, tuple(group)) for group in groups.values()]
@@ -88,13 +101,18 @@ def read_positions(document: Document, accessor: int) -> Float[np.ndarray, "vert
     """Read the positions of a vertex buffer.
 
     Raises:
-        FormatError: naming the first vertex that is NaN or infinite.
+        FormatError: naming the first vertex that is not finite or too far away.
     """
     vertices = read_floats(document, accessor, 3)
-    wrong = ~np.isfinite(vertices).all(axis=1)
+    wrong = ~(np.abs(vertices) < limits.COORDINATE).all(axis=1)
     if wrong.any():
-        message = f"{wrong.sum()} vertices are NaN or infinite, first {int(wrong.argmax())}"
-        raise document.fault(f"/accessors/{accessor}", f"{message}; repair the mesh")
+        message = (
+            f"{wrong.sum()} vertices are NaN, infinite or beyond {limits.COORDINATE:.0e}, "
+            f"first {int(wrong.argmax())}"
+        )
+        raise document.fault(
+            f"/accessors/{accessor}", f"{message}; repair the mesh", code=Code.MESH_NONFINITE
+        )
     return vertices
 
 
@@ -110,11 +128,13 @@ def _read_faces(
         if corners.max() >= count:
             place = int((corners >= count).argmax())
             message = f"index {place} is vertex {corners[place]} of {count}; export the mesh again"
-            raise document.fault(f"/accessors/{primitive.indices}", message)
+            raise document.fault(f"/accessors/{primitive.indices}", message, code=Code.MESH_INDEX)
     if primitive.mode == TRIANGLES:
         if len(corners) % 3:
             document.warn(
-                f"{where}: {len(corners)} corners are no whole triangles; the rest is cut"
+                where,
+                f"{len(corners)} corners are no whole triangles; the rest is cut",
+                code=Code.MESH_CORNERS,
             )
         return corners[: len(corners) // 3 * 3].reshape(-1, 3)
     if len(corners) < 3:

@@ -4,6 +4,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import cKDTree
 
+from bunraku.errors import Code
 from bunraku.formats.gltf.accessors import read_floats, read_integers
 from bunraku.formats.gltf.document import Document
 
@@ -31,20 +32,24 @@ def read_influences(
     skin, sets = document.gltf.nodes[node].skin, _list_sets(document, where)
     if skin is None or not sets:
         if skin is not None:
-            document.warn(f"{where}: has a skin but no weights; it follows its node")
+            document.warn(
+                where, "has a skin but no weights; it follows its node", code=Code.SKIN_WEIGHTS
+            )
         return np.zeros((len(vertices), 0), np.int64), np.zeros((len(vertices), 0))
     parts = [read_integers(document, joints, 4) for joints, _ in sets]
     shares = [read_floats(document, weights, 4) for _, weights in sets]
     if {len(part) for part in (*parts, *shares)} != {len(vertices)}:
         message = f"JOINTS and WEIGHTS must have one row for each of {len(vertices)} vertices"
-        raise document.fault(f"{where}/attributes", message)
+        raise document.fault(f"{where}/attributes", message, code=Code.SKIN_WEIGHTS)
     joints, weights = np.concatenate(parts, axis=1), np.concatenate(shares, axis=1)
     count = len(document.gltf.skins[skin].joints)
     wrong = (joints >= count) & (weights != 0)
     if wrong.any():
         vertex = int(wrong.any(axis=1).argmax())
         message = f"vertex {vertex} uses joint {joints[wrong][0]} of a skin of {count}"
-        raise document.fault(f"{where}/attributes/JOINTS_0", f"{message}; bind the mesh again")
+        raise document.fault(
+            f"{where}/attributes/JOINTS_0", f"{message}; bind the mesh again", code=Code.SKIN_JOINTS
+        )
     joints = np.where(joints < count, joints, 0)
     weights = _clean_weights(document, where, weights)
     return _fill_gaps(document, where, joints, weights=weights, vertices=vertices)
@@ -58,7 +63,11 @@ def _list_sets(document: Document, where: str) -> list[tuple[int, int]]:
     while f"JOINTS_{len(sets)}" in names and f"WEIGHTS_{len(sets)}" in names:
         sets.append((names[f"JOINTS_{len(sets)}"], names[f"WEIGHTS_{len(sets)}"]))
     if any(f"{name}_{len(sets)}" in names for name in ("JOINTS", "WEIGHTS")):
-        document.warn(f"{where}: JOINTS and WEIGHTS do not come in pairs; the odd one is ignored")
+        document.warn(
+            where,
+            "JOINTS and WEIGHTS do not come in pairs; the odd one is ignored",
+            code=Code.SKIN_WEIGHTS,
+        )
     return sets
 
 
@@ -69,10 +78,18 @@ def _clean_weights(document: Document, where: str, weights: Weights) -> Weights:
     total = clean.sum(axis=1)
     if damaged.any():
         count = damaged.any(axis=1).sum()
-        document.warn(f"{where}: weights of {count} vertices were NaN or negative; repaired")
+        document.warn(
+            where,
+            f"weights of {count} vertices were NaN or negative; repaired",
+            code=Code.SKIN_WEIGHTS,
+        )
     odd = (np.abs(total - 1) > 1e-2) & ~damaged.any(axis=1) & (total > 0)
     if odd.any():
-        document.warn(f"{where}: weights of {odd.sum()} vertices do not sum to 1; normalised")
+        document.warn(
+            where,
+            f"weights of {odd.sum()} vertices do not sum to 1; normalised",
+            code=Code.SKIN_WEIGHTS,
+        )
     return clean / np.where(total > 0, total, 1.0)[:, None]
 
 
@@ -88,7 +105,11 @@ def _fill_gaps(
     bare: Bool[np.ndarray, " vertices"] = weights.sum(axis=1) == 0
     if not bare.any():
         return joints, weights
-    document.warn(f"{where}: {bare.sum()} vertices without weights follow their neighbours")
+    document.warn(
+        where,
+        f"{bare.sum()} vertices without weights follow their neighbours",
+        code=Code.SKIN_WEIGHTS,
+    )
     joints, weights = joints.copy(), weights.copy()
     if bare.all():
         joints[:, 0], weights[:, 0] = 0, 1.0

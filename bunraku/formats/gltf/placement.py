@@ -91,6 +91,8 @@ def _is_credible(
     """
     _, rotation, scale = decompose_transforms(recorded)
     _, voted, wanted = decompose_transforms(agreed)
+    if not wanted.all():
+        return True  # joints that most of the mesh follows have no size: they know nothing
     if float(np.abs(scale / wanted - 1).max()) > SAME_SCALE:
         return False
     turn = rotation.T @ voted

@@ -7,7 +7,7 @@ Reference:
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from msgspec import Meta, Struct
+from msgspec import Meta, Struct, field
 
 Index = Annotated[int, Meta(ge=0)]
 Count = Annotated[int, Meta(ge=1)]
@@ -83,6 +83,19 @@ class Accessor(Struct, rename="camel"):
     sparse: Sparse | None = None
 
 
+class Draco(Struct, rename="camel"):
+    """Where the compressed arrays of a primitive are, and the decoder's number of each."""
+
+    buffer_view: Index
+    attributes: dict[str, Index]
+
+
+class PrimitiveExtensions(Struct, frozen=True):
+    """The extensions of a primitive that are read."""
+
+    draco: Draco | None = field(default=None, name="KHR_draco_mesh_compression")
+
+
 class Primitive(Struct):
     """Geometry of one material."""
 
@@ -91,6 +104,7 @@ class Primitive(Struct):
     mode: Annotated[int, Meta(ge=0, le=6)] = 4
     material: Index | None = None
     targets: list[dict[str, Index]] = []
+    extensions: PrimitiveExtensions = PrimitiveExtensions()
 
 
 class Mesh(Struct):
@@ -117,7 +131,7 @@ class Node(Struct):
 class Skin(Struct, rename="camel"):
     """Joints, and where each was when the mesh was bound."""
 
-    joints: Annotated[list[Index], Meta(min_length=1, max_length=4096)]
+    joints: Annotated[list[Index], Meta(min_length=1)]
     inverse_bind_matrices: Index | None = None
     skeleton: Index | None = None
     name: str | None = None
@@ -154,8 +168,8 @@ class Sampler(Struct):
 class Animation(Struct):
     """A clip."""
 
-    channels: Annotated[list[Channel], Meta(min_length=1)]
-    samplers: Annotated[list[Sampler], Meta(min_length=1)]
+    channels: list[Channel] = []
+    samplers: list[Sampler] = []
     name: str | None = None
 
 
@@ -184,7 +198,7 @@ class Gltf(Struct, rename="camel"):
     images: list[Image] = []
     materials: list[Material] = []
     meshes: list[Mesh] = []
-    nodes: Annotated[list[Node], Meta(max_length=100_000)] = []
+    nodes: list[Node] = []
     scenes: list[Scene] = []
     scene: Index | None = None
     skins: list[Skin] = []

@@ -5,9 +5,11 @@ from collections.abc import Container
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.spatial.transform import Rotation
 
+from bunraku import limits
+from bunraku.errors import Code
 from bunraku.formats.gltf.accessors import read_floats
 from bunraku.formats.gltf.document import Document
 from bunraku.formats.gltf.schema import Channel, Sampler
@@ -17,7 +19,6 @@ OTHER_PATHS = ("weights", "pointer")
 RATE = 60.0  # samples a second where straight lines between keys would be wrong
 SAME_TIME = 1e-5  # seconds between keys that count as one
 LONGEST = 1e6  # seconds
-MAX_FRAMES = 100_000
 
 Times = Float[np.ndarray, " frames"]
 Values = Float[np.ndarray, "frames width"]
@@ -51,51 +52,92 @@ def read_tracks(document: Document, animation: int, nodes: Container[int]) -> li
     for index, channel in enumerate(clip.channels):
         key = channel.target.node, channel.target.path
         if key[1] not in (*WIDTHS, *OTHER_PATHS):
-            document.warn(f"/animations/{animation}/channels/{index}: unknown path {key[1][:20]!r}")
+            document.warn(
+                f"/animations/{animation}/channels/{index}",
+                f"unknown path {key[1][:20]!r}",
+                code=Code.CLIP_CHANNEL,
+            )
         if key[0] is None or key[0] not in nodes or key[1] not in WIDTHS:
             continue
         where, sampler = f"/animations/{animation}/channels/{index}", clip.samplers[channel.sampler]
         if key in seen:
-            document.warn(f"{where}: moves what another channel moves already; ignored")
+            document.warn(
+                where,
+                "moves what another channel moves already; ignored",
+                code=Code.CLIP_CHANNEL,
+            )
             continue
         seen.add((key[0], key[1]))
         if sampler.input not in times:
             times[sampler.input] = _read_times(document, sampler.input)
-        tracks.append(_read_track(document, channel, sampler, times[sampler.input]))
+        tracks.append(_read_track(document, channel, sampler, *times[sampler.input]))
     return tracks
 
 
-def _read_times(document: Document, accessor: int) -> Times:
+def _read_times(document: Document, accessor: int) -> tuple[Times, Bool[np.ndarray, " keys"]]:
+    """Read key times, and which keys count: of several at one time the last."""
     times, where = read_floats(document, accessor, 1)[:, 0], f"/accessors/{accessor}"
-    if not np.isfinite(times).all() or (np.diff(times) <= 0).any():
-        raise document.fault(where, "key times must be numbers that rise; export the clip again")
+    if not np.isfinite(times).all() or (np.diff(times) < 0).any():
+        raise document.fault(
+            where,
+            "key times must be numbers that rise; export the clip again",
+            code=Code.CLIP_TIMES,
+        )
     if np.abs(times).max() > LONGEST:
-        raise document.fault(where, f"key time {times[-1]:.3g} s; clips end before {LONGEST:.0e} s")
+        raise document.fault(
+            where,
+            f"key time {times[-1]:.3g} s; clips end before {LONGEST:.0e} s",
+            code=Code.CLIP_TIMES,
+        )
     if times[0] < 0:
-        document.warn(f"{where}: key times begin before 0, at {times[0]:.4g} s")
-    if len(times) > MAX_FRAMES:
-        raise document.fault(where, f"{len(times)} keys; at most {MAX_FRAMES} are read")
-    return times
+        document.warn(where, f"key times begin before 0, at {times[0]:.4g} s", code=Code.CLIP_TIMES)
+    if len(times) > limits.FRAMES:
+        raise document.fault(
+            where, f"{len(times)} keys; at most {limits.FRAMES} are read", code=Code.LIMIT_FRAMES
+        )
+    counts = np.append(np.diff(times) > 0, True)
+    if not counts.all():
+        message = f"{(~counts).sum()} keys have the time of the next one; they are left out"
+        document.warn(where, message, code=Code.CLIP_TIMES)
+    return times[counts], counts
 
 
-def _read_track(document: Document, channel: Channel, sampler: Sampler, times: Times) -> Track:
+def _read_track(
+    document: Document,
+    channel: Channel,
+    sampler: Sampler,
+    times: Times,
+    counts: Bool[np.ndarray, " keys"],
+) -> Track:
+    """Read the values at the keys that count."""
     path, node = channel.target.path, channel.target.node
     assert node is not None
     where = f"/accessors/{sampler.output}"
     values = read_floats(document, sampler.output, WIDTHS[path])
     is_spline = sampler.interpolation == "CUBICSPLINE"
-    if len(values) != len(times) * (3 if is_spline else 1):
-        message = f"{len(values)} values for {len(times)} key times ({sampler.interpolation})"
-        raise document.fault(where, f"{message}; export the clip again")
+    if len(values) != len(counts) * (3 if is_spline else 1):
+        message = f"{len(values)} values for {len(counts)} key times ({sampler.interpolation})"
+        raise document.fault(where, f"{message}; export the clip again", code=Code.CLIP_VALUES)
     if not np.isfinite(values).all():
-        raise document.fault(where, "animation values are NaN or infinite; export the clip again")
+        raise document.fault(
+            where,
+            "animation values are NaN or infinite; export the clip again",
+            code=Code.CLIP_VALUES,
+        )
+    values = values[np.repeat(counts, 3 if is_spline else 1)]
     keys = values[1::3] if is_spline else values
     if path == "rotation":
         lengths = np.einsum("kc,kc->k", keys, keys)
         if lengths.min() < 1e-12:
-            raise document.fault(where, "a key is a zero quaternion; export the clip again")
+            raise document.fault(
+                where, "a key is a zero quaternion; export the clip again", code=Code.CLIP_VALUES
+            )
         if not 0.98 < lengths.min() <= lengths.max() < 1.02:
-            document.warn(f"{where}: rotations were not unit quaternions and were normalised")
+            document.warn(
+                where,
+                "rotations were not unit quaternions and were normalised",
+                code=Code.CLIP_VALUES,
+            )
     is_constant = _is_constant(values, sampler.interpolation)
     return Track(node, path, sampler.interpolation, times, values, is_constant)
 
@@ -127,9 +169,9 @@ def choose_times(document: Document, animation: int, tracks: list[Track], *, den
     times = np.unique(np.concatenate(ends + list({id(keys): keys for keys in moving}.values())))
     if dense or not all(track.is_straight for track in tracks):
         count = (times[-1] - times[0]) * RATE
-        if count > MAX_FRAMES:
+        if count > limits.FRAMES:
             message = f"clip lasts {times[-1] - times[0]:.4g} s, too long to sample"
-            raise document.fault(f"/animations/{animation}", message)
+            raise document.fault(f"/animations/{animation}", message, code=Code.LIMIT_FRAMES)
         grid = times[0] + np.arange(int(count) + 1) / RATE
         times = np.unique(np.concatenate([times, grid[grid < times[-1]]]))
     return times[np.concatenate([[True], np.diff(times) > SAME_TIME])]

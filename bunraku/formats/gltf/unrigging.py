@@ -44,11 +44,11 @@ def _remove_motion(json: dict[str, Any], driven: set[int]) -> None:
     for clip in json.get("animations", []):
         channels = [
             channel
-            for channel in clip["channels"]
+            for channel in clip.get("channels", [])
             if channel["target"]["path"] not in MOVING_PATHS
             or channel["target"].get("node") not in driven
         ]
-        if len(channels) < len(clip["channels"]):
+        if channels and len(channels) < len(clip["channels"]):
             used = sorted({channel["sampler"] for channel in channels})
             clip["samplers"] = [clip["samplers"][sampler] for sampler in used]
             for channel in channels:

@@ -4,6 +4,7 @@ import base64
 import binascii
 from urllib.parse import unquote
 
+from bunraku.errors import Code
 from bunraku.formats.files import read_beside
 from bunraku.types import FormatError
 
@@ -18,9 +19,13 @@ def read_uri(path: str, where: str, uri: str) -> tuple[bytes, str]:
         return read_beside(path, uri, where=where), ""
     header, comma, body = uri.partition(",")
     if not comma or not header.endswith(";base64"):
-        raise FormatError(path, where, "data URI must be base64 (data:TYPE;base64,...)")
+        raise FormatError(
+            path, where, "data URI must be base64 (data:TYPE;base64,...)", code=Code.URI_DATA
+        )
     try:
         content = base64.b64decode(unquote(body), validate=True)
     except (binascii.Error, ValueError):
-        raise FormatError(path, where, "data URI is not valid base64; export again") from None
+        raise FormatError(
+            path, where, "data URI is not valid base64; export again", code=Code.URI_DATA
+        ) from None
     return content, header[len("data:") :].split(";")[0]

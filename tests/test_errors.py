@@ -1,0 +1,58 @@
+import ast
+import logging
+from pathlib import Path
+
+import pytest
+
+import bunraku
+from bunraku.errors import NOTE, Code, announce
+from scripts.list_errors import PAGE, write_page
+
+SOURCES = sorted(Path(bunraku.__file__).parent.rglob("*.py"))
+RAISING = {"FormatError", "fault", "trouble", "warn", "announce"}
+
+
+def calls(path: Path) -> list[ast.Call]:
+    """Find where a file raises or announces a fault."""
+    found = []
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Call):
+            name = getattr(node.func, "id", getattr(node.func, "attr", ""))
+            if name in RAISING:
+                found.append(node)
+    return found
+
+
+def test_the_page_lists_every_code():
+    assert PAGE.read_text() == write_page(), "run python scripts/list_errors.py"
+
+
+def test_names_and_meanings_are_there_once():
+    assert len({code.value for code in Code}) == len(Code.__members__)
+    for code in Code:
+        assert code.name == code.name.upper()
+        assert "|" not in code.value
+
+
+def test_every_code_is_used():
+    text = "".join(path.read_text() for path in SOURCES if path.name != "errors.py")
+    assert [code.name for code in Code if f"Code.{code.name}" not in text] == []
+
+
+@pytest.mark.parametrize(
+    "path",
+    [path for path in SOURCES if path.parent.name in ("formats", "gltf")],
+    ids=lambda path: path.name,
+)
+def test_readers_and_writers_give_every_fault_a_code(path):
+    for call in calls(path):
+        assert any(keyword.arg == "code" for keyword in call.keywords), f"line {call.lineno}"
+
+
+def test_an_announcement_carries_its_parts(caplog):
+    with caplog.at_level(NOTE):
+        announce("a.obj", "is thin", code=Code.MESH_FLAT, where="line 3", level=NOTE)
+    (record,) = caplog.records
+    assert record.getMessage() == "a.obj: line 3: is thin"
+    assert (record.code, record.where, record.found) == (Code.MESH_FLAT, "line 3", "is thin")
+    assert logging.INFO < record.levelno < logging.WARNING
