@@ -1,7 +1,6 @@
 """The command line: parse, call, write. What a command needs is imported when it runs."""
 
 import sys
-import time
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -60,23 +59,26 @@ def animate(
     force: ForceOption = False,
 ) -> None:
     """Give a figure a skeleton, a skin and the clips of a performance."""
+    import bunraku
     from bunraku.cli import steps
-    from bunraku.formats import read_figure, write_character
 
-    started = time.perf_counter()
     inputs = [figure, performance, landmarks]
     steps.check_output(out, [".glb"], inputs=inputs)
     steps.check_output(report, [".json"], inputs=[*inputs, out])
     with steps.working(figure):
-        found = read_figure(figure, up=up, facing=facing)
-        source = steps.read_performer(performance)
-        clips = steps.choose_clips(source, clip, performance)
-        marks = steps.read_landmarks(landmarks, source)
-        transfer = steps.match(source, found, clips, seed=seed, force=force, landmarks=marks)
-        write_character(out, found, transfer.character)
+        result = bunraku.animate(
+            figure,
+            performance,
+            clip,
+            landmarks=landmarks,
+            seed=seed,
+            up=up,
+            facing=facing,
+            force=force,
+        )
+        bunraku.write(out, result)
         if report:
-            summary = steps.report_on(found, performance, source, transfer, started=started)
-            steps.write_report(report, summary)
+            bunraku.write(report, result)
 
 
 @app.command(epilog="Example: bunraku rig hero.obj -o hero-rigged.glb")
@@ -92,22 +94,25 @@ def rig(
     force: ForceOption = False,
 ) -> None:
     """Give a figure a skeleton and a skin in its own pose, without clips."""
+    import bunraku
     from bunraku.cli import steps
-    from bunraku.formats import read_figure, write_character
 
-    started = time.perf_counter()
     inputs = [figure, performance, landmarks]
     steps.check_output(out, [".glb"], inputs=inputs)
     steps.check_output(report, [".json"], inputs=[*inputs, out])
     with steps.working(figure):
-        found = read_figure(figure, up=up, facing=facing)
-        source = steps.read_performer(performance)
-        marks = steps.read_landmarks(landmarks, source)
-        transfer = steps.match(source, found, (), seed=seed, force=force, landmarks=marks)
-        write_character(out, found, transfer.character)
+        result = bunraku.rig(
+            figure,
+            performance,
+            landmarks=landmarks,
+            seed=seed,
+            up=up,
+            facing=facing,
+            force=force,
+        )
+        bunraku.write(out, result)
         if report:
-            summary = steps.report_on(found, performance, source, transfer, started=started)
-            steps.write_report(report, summary)
+            bunraku.write(report, result)
 
 
 @app.command(epilog="Example: bunraku repose hero.obj --with knight.glb -o hero-at-rest.obj")
@@ -122,16 +127,21 @@ def repose(
     force: ForceOption = False,
 ) -> None:
     """Put a figure in the rest pose of a character: the surface alone, Y up, no materials."""
+    import bunraku
     from bunraku.cli import steps
-    from bunraku.formats import read_figure, write_mesh
 
     steps.check_output(out, [".glb", ".obj", ".ply"], inputs=[figure, performance, landmarks])
     with steps.working(figure):
-        found = read_figure(figure, up=up, facing=facing)
-        source = steps.read_performer(performance)
-        marks = steps.read_landmarks(landmarks, source)
-        transfer = steps.match(source, found, (), seed=seed, force=force, landmarks=marks)
-        write_mesh(out, steps.at_rest(transfer))
+        rested = bunraku.repose(
+            figure,
+            performance,
+            landmarks=landmarks,
+            seed=seed,
+            up=up,
+            facing=facing,
+            force=force,
+        )
+        bunraku.write(out, rested)
 
 
 @app.command("inspect", epilog="Example: bunraku inspect knight.glb --json")

@@ -1,7 +1,6 @@
 """bunraku demo: the main job on built-in figures, with a picture of the result."""
 
 import io
-import time
 from pathlib import Path
 from typing import Any, cast
 
@@ -14,13 +13,14 @@ from scipy.spatial import KDTree
 
 from bunraku import builtin
 from bunraku.cli.failures import about
-from bunraku.cli.steps import match, report_on, working, write_report
+from bunraku.cli.steps import working
 from bunraku.evaluate.families import play_at
 from bunraku.evaluate.pictures import CLAY, Picture, arrange, draw, look_at
 from bunraku.evaluate.results import make_table
-from bunraku.formats import read_figure, write_character
 from bunraku.formats.files import write_atomically
 from bunraku.types import Character
+from bunraku.verbs.animating import animate
+from bunraku.verbs.writing import write
 
 PHASES = np.array([0.15, 0.45, 0.75])  # of each clip, in the picture
 COLUMNS = ("figure", "vertices", "parts", "clips", "seconds", "confidence")
@@ -31,21 +31,17 @@ def run_demo(folder: Path, *, seed: int) -> None:
     """Animate both built-in figures; write GLBs, reports and a contact sheet; print a table."""
     with about(folder):
         folder.mkdir(parents=True, exist_ok=True)
-    human = builtin.human()
     lines, strips = [], []
     for name, path in builtin.figure_paths().items():
-        started = time.perf_counter()
         with working(path):
-            found = read_figure(path)
-            transfer = match(human, found, human.clips, seed=seed, force=True)
-            write_character(folder / f"{name}.glb", found, transfer.character)
-            report = report_on(found, None, human, transfer, started=started)
-            write_report(folder / f"{name}.json", report)
-            strips.append(draw_clips(transfer.character, read_colours(path, transfer.character)))
-        lines.append([name, *summarise(report)])
+            result = animate(path, seed=seed, force=True)
+            write(folder / f"{name}.glb", result)
+            write(folder / f"{name}.json", result)
+            strips.append(draw_clips(result.character, read_colours(path, result.character)))
+        lines.append([name, *summarise(result.report)])
     rows = [[picture for strip in clip for picture in strip] for clip in zip(*strips, strict=True)]
     sheet = io.BytesIO()
-    arrange(rows, [clip.name for clip in human.clips]).save(sheet, format="png")
+    arrange(rows, [clip.name for clip in builtin.human().clips]).save(sheet, format="png")
     write_atomically(folder / "demo.png", sheet.getvalue())
     Console(width=140).print(make_table("", [*COLUMNS, *CLIP_COLUMNS], lines))
     typer.echo(f"Look at {folder / 'demo.png'}; open the GLBs beside it in any glTF viewer.")
