@@ -6,7 +6,7 @@
     bunraku.write("hero.glb", result)
 
 The functions are the commands of the command line, with the same options: `animate`, `rig`,
-`repose`, `inspect`; `read` and `write` are its files. A `Result` keeps every stage.
+`repose`, `inspect`, `batch`; `read` and `write` are its files. A `Result` keeps every stage.
 What a function needs is imported when it is first asked for.
 """
 
@@ -14,6 +14,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from bunraku.batching.batches import batch
+    from bunraku.batching.jobs import Job
+    from bunraku.batching.records import Record
     from bunraku.formats import inspect
     from bunraku.formats import read_figure as read
     from bunraku.types import FormatError, MatchError
@@ -25,9 +28,12 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 __all__ = [
     "FormatError",
+    "Job",
     "MatchError",
+    "Record",
     "Result",
     "animate",
+    "batch",
     "inspect",
     "read",
     "read_performer",
@@ -39,7 +45,10 @@ _HOMES = {
     "FormatError": "bunraku.types",
     "MatchError": "bunraku.types",
     "Result": "bunraku.verbs.results",
+    "Job": "bunraku.batching.jobs",
+    "Record": "bunraku.batching.records",
     "animate": "bunraku.verbs.animating",
+    "batch": "bunraku.batching.batches",
     "inspect": "bunraku.formats",
     "read": "bunraku.formats:read_figure",
     "read_performer": "bunraku.verbs.performing",

@@ -11,19 +11,26 @@ from bunraku.cli.failures import INTERRUPTED, describe_failure
 from bunraku.cli.options import (
     CharacterOption,
     ClipOption,
+    ClusterOption,
     FacingOption,
     FigureArgument,
     FileArgument,
     FolderOption,
     ForceOption,
     InspectJsonOption,
+    JobsArgument,
     LandmarksOption,
+    MemoryOption,
     OutOption,
     ReportOption,
+    ResultsOption,
+    ResumeOption,
     SeedOption,
+    TimeoutOption,
     UpOption,
     VersionOption,
     WithOption,
+    WorkersOption,
 )
 
 app = typer.Typer(
@@ -158,6 +165,27 @@ def demo(folder: FolderOption = Path("demo"), seed: SeedOption = 0) -> None:
     from bunraku.cli.showing import run_demo
 
     run_demo(folder, seed=seed)
+
+
+@app.command(
+    epilog="Examples: bunraku batch jobs.csv -o moved --workers 4   |   "
+    "bunraku batch jobs.csv -o moved --resume   |   "
+    "bunraku batch jobs.csv -o moved --cluster tcp://host:8786"
+)
+def batch(
+    jobs: JobsArgument,
+    folder: ResultsOption,
+    workers: WorkersOption = None,
+    cluster: ClusterOption = None,
+    resume: ResumeOption = False,
+    memory: MemoryOption = 4.0,
+    timeout: TimeoutOption = 900.0,
+) -> None:
+    """Animate many figures, a process each; a second run does only what is missing."""
+    from bunraku.cli.batching import run_batch
+
+    limits = memory, timeout
+    run_batch(jobs, folder, workers=workers, cluster=cluster, resume=resume, limits=limits)
 
 
 def run(arguments: Sequence[str]) -> int:

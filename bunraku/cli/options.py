@@ -112,3 +112,29 @@ StateOption = Annotated[
     Path | None,
     typer.Option("--state", metavar="ROWS.jsonl", help="Keep rows here, and resume from here."),
 ]
+JobsArgument = Annotated[
+    Path,
+    typer.Argument(
+        metavar="JOBS.csv",
+        help="A figure a line: columns figure, performance, clips (a;b), and options of animate.",
+        show_default=False,
+    ),
+]
+ResultsOption = Annotated[
+    Path,
+    typer.Option("-o", "--out", metavar="FOLDER", help="For the results.", show_default=False),
+]
+WorkersOption = Annotated[
+    int | None, typer.Option("--workers", min=1, help="Jobs at a time; one a core, by default.")
+]
+ClusterOption = Annotated[
+    str | None,
+    typer.Option("--cluster", metavar="URL", help="A Dask scheduler, such as tcp://host:8786."),
+]
+ResumeOption = Annotated[bool, typer.Option("--resume", help="Do only what is missing.")]
+MemoryOption = Annotated[
+    float, typer.Option("--memory", min=0.1, help="Gigabytes that one job may use.")
+]
+TimeoutOption = Annotated[
+    float, typer.Option("--timeout", min=0.1, help="Seconds that one job may take.")
+]
