@@ -4,10 +4,11 @@ from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 
-from bunraku.batching.jobs import Job
-from bunraku.batching.records import Record
+from bunraku.batching.jobs import Job, name_result
+from bunraku.batching.records import Record, write_record
 from bunraku.batching.running import Watch, run_apart
 from bunraku.types import FormatError
+from bunraku.verbs.failing import shorten
 
 PATIENCE = 15.0  # seconds to find the scheduler
 
@@ -44,12 +45,21 @@ def run_on_cluster(
     except (OSError, ValueError) as error:
         reason = f"no scheduler answers ({error}); start one with `dask scheduler`"
         raise FormatError(f"--cluster {address}", "", reason) from error
-    with client:
+    with client, client.as_current():
         limits = {"folder": folder, "memory": memory, "seconds": seconds}
         futures = {client.submit(run_apart, job, **limits, pure=False): job for job in jobs}
         records = {}
         for future in distributed.as_completed(futures):
-            record = future.result()
-            records[futures[future]] = record
-            watch(record.job, record)
+            job = futures[future]
+            failure = future.exception()
+            records[job] = future.result() if failure is None else _mourn(job, folder, failure)
+            watch(job, records[job])
     return [records[job] for job in jobs]
+
+
+def _mourn(job: Job, folder: Path, error: BaseException) -> Record:
+    """Record a job whose machine was lost, after the scheduler tried others."""
+    reason = f"error: {job.figure}: lost on the cluster ({type(error).__name__}: {error})"
+    record = Record(name=name_result(job), job=job, state="crashed", error=shorten(reason))
+    write_record(folder, record)
+    return record

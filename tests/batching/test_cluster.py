@@ -1,3 +1,4 @@
+import os
 import subprocess
 import sys
 import time
@@ -7,6 +8,7 @@ import pytest
 
 import bunraku
 from bunraku.batching import cluster
+from bunraku.batching.running import run_apart
 from bunraku.cli import run
 from bunraku.types import FormatError
 
@@ -32,12 +34,17 @@ def scheduler(tmp_path_factory):
         for command in commands:
             quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
             processes.append(subprocess.Popen(command, cwd=folder, **quiet))
-        yield wait_for_workers(found, 2)
+        address = wait_for_workers(found, 2)
+        yield address
+        with import_module("distributed").Client(address, timeout=60) as client:
+            client.shutdown()
     finally:
-        for process in reversed(processes):
-            process.terminate()
         for process in processes:
-            process.wait(timeout=30)
+            try:
+                process.wait(timeout=20)
+            except subprocess.TimeoutExpired:  # a busy machine
+                process.kill()
+                process.wait()
 
 
 def wait_for_workers(found, count):
@@ -59,13 +66,11 @@ def test_a_cluster_does_the_same_as_this_machine(folder, scheduler):
     before = stamps(folder / "there")
     bunraku.batch(folder / "jobs.csv", folder / "there", cluster=scheduler, resume=True)
     assert stamps(folder / "there") == before
-    bunraku.batch(folder / "jobs.csv", folder / "here", workers=2)
-    for name in ("results.csv", "index.html"):
-        assert (folder / "there" / name).exists()
-    for record in records:
-        for file in record.files:
-            here, there = (folder / place / "results" / file for place in ("here", "there"))
-            assert here.read_bytes() == there.read_bytes()
+    assert (folder / "there" / "index.html").exists()
+    first = run_apart(records[0].job, folder / "there")  # on this machine, in another folder
+    for file in first.files:
+        there = folder / "there" / "results" / file
+        assert (folder / "there" / file).read_bytes() == there.read_bytes()
 
 
 def stamps(folder):
@@ -90,3 +95,19 @@ def test_a_missing_extra_is_one_line(folder, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(FormatError, match=r"needs the extra: pip install 'bunraku\[cluster\]'"):
         bunraku.batch(folder / "jobs.csv", folder / "none", cluster="tcp://localhost:8786")
+
+
+@needs_dask
+@pytest.mark.filterwarnings("default")
+def test_a_job_whose_machine_is_lost_fails_alone(folder, scheduler, monkeypatch):
+    lost = bunraku.Job(figure=str(folder / "figure0.ply"), seed=9)
+    other = bunraku.Job(figure=str(folder / "bad.obj"))
+
+    def die_or_run(job, **limits):
+        return os._exit(1) if job.seed else run_apart(job, **limits)
+
+    monkeypatch.setattr(cluster, "run_apart", die_or_run)
+    first, second = bunraku.batch([lost, other], folder / "lost", cluster=scheduler)
+    assert first.state == "crashed"
+    assert "lost on the cluster" in first.error
+    assert second.state == "bad input"
