@@ -69,10 +69,11 @@ def kill_often(
     """Kill batches after random times, with or without their workers; resume until all is done.
 
     Returns:
-        kills, batches that came to their end, and what was lost, redone, torn or came out other
-        than in the first batch that ended.
+        kills, batches that came to their end, finished jobs that outlived a kill (each counted at
+        every kill), and what was lost, redone, torn or came out other than in the first batch that
+        ended.
     """
-    found = {"kills": 0, "ended": 0, "lost": 0, "redone": 0, "torn": 0, "other": 0}
+    found = {"kills": 0, "ended": 0, "survived": 0, "lost": 0, "redone": 0, "torn": 0, "other": 0}
     expected: dict[str, str] = {}
     while found["kills"] < count or not found["ended"]:
         out = folder / f"round{found['ended']}"
@@ -84,6 +85,7 @@ def kill_often(
         except subprocess.TimeoutExpired:
             strike(process, with_workers=rng.random() < 0.5)
             found["kills"] += 1
+            found["survived"] += len(list((out / "results").glob("[!.]*.json")))
         after = stamp(out)
         found["lost"] += len(before.keys() - after.keys())
         found["redone"] += sum(after.get(name) not in (None, was) for name, was in before.items())

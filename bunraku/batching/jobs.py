@@ -30,9 +30,12 @@ class Job(msgspec.Struct, frozen=True, kw_only=True):
     up: str | None = None
     facing: str | None = None
     force: bool = False
+    bvh: bool = False
+    vrm: bool = False
+    engine: str | None = msgspec.field(default=None, name="for")
 
 
-COLUMNS = Job.__struct_fields__
+COLUMNS = Job.__struct_encode_fields__
 
 
 def read_jobs(path: Location) -> list[Job]:
@@ -95,7 +98,7 @@ def read_job(cells: Mapping[str, str], folder: Path) -> Job:
             given[name] = str(folder / cells[name])
     if "clips" in given:
         given["clips"] = [name.strip() for name in cells["clips"].split(";") if name.strip()]
-    for name in ("force",):
+    for name in ("force", "bvh", "vrm"):
         if name in given:
             given[name] = _as_truth(name, cells[name])
     try:

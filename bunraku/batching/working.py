@@ -26,10 +26,11 @@ from bunraku.evaluate.pictures import arrange
 from bunraku.formats.files import write_atomically
 from bunraku.types import FormatError, MatchError
 from bunraku.verbs.animating import animate
+from bunraku.verbs.engines import prepare_for
 from bunraku.verbs.failing import shorten
 from bunraku.verbs.picturing import draw_clips, read_colours
 from bunraku.verbs.results import Result
-from bunraku.verbs.writing import write
+from bunraku.verbs.writing import write, write_motions
 
 logger = logging.getLogger(__name__)
 
@@ -62,10 +63,12 @@ def _produce(job: Job, folder: Path, name: str) -> tuple[dict[str, int], dict[st
     )
     logger.info("writing")
     report = {key: msgspec.Raw(msgspec.json.encode(part)) for key, part in result.report.items()}
-    write(folder / f"{name}.glb", result)
-    write_atomically(folder / f"{name}.png", draw_result(result))
-    sizes = {f"{name}{suffix}": 0 for suffix in (".glb", ".png")}
-    return {file: (folder / file).stat().st_size for file in sizes}, report
+    write(folder / f"{name}.glb", result, vrm=job.vrm, engine=job.engine)
+    files = [folder / f"{name}.glb", folder / f"{name}.png"]
+    write_atomically(files[1], draw_result(result))
+    if job.bvh:
+        files += write_motions(folder / f"{name}.bvh", prepare_for(result.character, job.engine))
+    return {file.name: file.stat().st_size for file in files}, report
 
 
 def draw_result(result: Result) -> bytes:

@@ -9,9 +9,11 @@ import typer
 from bunraku.cli.evaluating import evaluate
 from bunraku.cli.failures import INTERRUPTED, describe_failure
 from bunraku.cli.options import (
+    BvhOption,
     CharacterOption,
     ClipOption,
     ClusterOption,
+    EngineOption,
     FacingOption,
     FigureArgument,
     FileArgument,
@@ -29,6 +31,7 @@ from bunraku.cli.options import (
     TimeoutOption,
     UpOption,
     VersionOption,
+    VrmOption,
     WithOption,
     WorkersOption,
 )
@@ -59,6 +62,9 @@ def animate(
     performance: WithOption = None,
     clip: ClipOption = None,
     report: ReportOption = None,
+    bvh: BvhOption = None,
+    vrm: VrmOption = False,
+    engine: EngineOption = None,
     landmarks: LandmarksOption = None,
     seed: SeedOption = 0,
     up: UpOption = None,
@@ -70,8 +76,10 @@ def animate(
     from bunraku.cli import steps
 
     inputs = [figure, performance, landmarks]
-    steps.check_output(out, [".glb"], inputs=inputs)
+    steps.check_output(out, [".glb", ".vrm"], inputs=inputs)
     steps.check_output(report, [".json"], inputs=[*inputs, out])
+    steps.check_output(bvh, [".bvh"], inputs=[*inputs, out])
+    steps.check_engine(engine)
     with steps.working(figure):
         result = bunraku.animate(
             figure,
@@ -83,7 +91,9 @@ def animate(
             facing=facing,
             force=force,
         )
-        bunraku.write(out, result)
+        bunraku.write(out, result, vrm=vrm, engine=engine)
+        if bvh:
+            bunraku.write(bvh, result, engine=engine)
         if report:
             bunraku.write(report, result)
 
@@ -94,6 +104,8 @@ def rig(
     out: OutOption,
     performance: CharacterOption = None,
     report: ReportOption = None,
+    vrm: VrmOption = False,
+    engine: EngineOption = None,
     landmarks: LandmarksOption = None,
     seed: SeedOption = 0,
     up: UpOption = None,
@@ -105,8 +117,9 @@ def rig(
     from bunraku.cli import steps
 
     inputs = [figure, performance, landmarks]
-    steps.check_output(out, [".glb"], inputs=inputs)
+    steps.check_output(out, [".glb", ".vrm"], inputs=inputs)
     steps.check_output(report, [".json"], inputs=[*inputs, out])
+    steps.check_engine(engine)
     with steps.working(figure):
         result = bunraku.rig(
             figure,
@@ -117,7 +130,7 @@ def rig(
             facing=facing,
             force=force,
         )
-        bunraku.write(out, result)
+        bunraku.write(out, result, vrm=vrm, engine=engine)
         if report:
             bunraku.write(report, result)
 

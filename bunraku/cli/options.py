@@ -66,6 +66,26 @@ ReportOption = Annotated[
     Path | None,
     typer.Option("--report", metavar="OUT.json", help="Write how far to trust the result."),
 ]
+BvhOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--bvh",
+        metavar="OUT.bvh",
+        help="Write the motion too; several clips become OUT-CLIP.bvh each.",
+    ),
+]
+VrmOption = Annotated[
+    bool, typer.Option("--vrm", help="Say which joint is which bone of a human, by VRM 1.0.")
+]
+EngineOption = Annotated[
+    str | None,
+    typer.Option(
+        "--for",
+        metavar="ENGINE",
+        help="Joint and clip names of blender, godot, unity or unreal; a root joint where it is "
+        "wanted.",
+    ),
+]
 LandmarksOption = Annotated[
     Path | None,
     typer.Option(

@@ -12,6 +12,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from bunraku.cli.failures import about, printing_warnings
 from bunraku.types import FormatError
+from bunraku.verbs.engines import ENGINES
 
 
 def check_output(
@@ -37,6 +38,16 @@ def check_output(
     except OSError as error:
         reason = f"cannot be written ({error.strerror}); choose a folder that exists and is open"
         raise FormatError(path, "", reason) from error
+
+
+def check_engine(engine: str | None) -> None:
+    """Refuse an unknown engine, before any long work.
+
+    Raises:
+        FormatError: if there is no preset of that name.
+    """
+    if engine not in (None, *ENGINES):
+        raise FormatError(f"--for {engine}", "", f"no such preset; wanted {', '.join(ENGINES)}")
 
 
 @contextmanager

@@ -13,7 +13,8 @@ from bunraku.formats import write_mesh
 from bunraku.types import FormatError, MatchError, Mesh
 from bunraku.verbs import animating
 
-OUTPUTS = {"out", "report"}  # of commands; in Python, `write` is called for each
+FILES = {"out", "report", "bvh"}  # of commands; in Python, `write` is called for each
+WRITING = {"vrm", "engine"}  # options of `write`
 
 
 @pytest.fixture(scope="module")
@@ -65,10 +66,16 @@ def test_commands_and_functions_can_do_the_same(command, verb):
     """Every option of a command is an argument of its function, and the other way round."""
     options = {"clips" if n == "clip" else n for n in inspect.signature(command).parameters}
     arguments = set(inspect.signature(verb).parameters)
-    assert options - OUTPUTS == arguments
+    assert options - FILES - WRITING == arguments
+    assert set(inspect.signature(bunraku.write).parameters) == {"path", "thing"} | WRITING
     for name in arguments & set(inspect.signature(command).parameters) - {"figure"}:
         default = inspect.signature(verb).parameters[name].default
         assert inspect.signature(command).parameters[name].default == default
+
+
+def test_a_job_of_a_batch_can_do_what_animate_can():
+    options = set(inspect.signature(animate_command).parameters) - {"out", "report", "clip"}
+    assert set(bunraku.Job.__struct_fields__) == options | {"clips"}
 
 
 def test_errors_name_the_file(tmp_path, cube):
