@@ -251,6 +251,21 @@ def test_repose_moves_a_person_at_rest_hardly_at_all(quick, folder, out):
     assert np.linalg.norm(rested.vertices - person.vertices, axis=1).mean() < 0.03
 
 
+def test_a_motion_and_a_vrm_are_written_on_request(quick, folder):
+    options = ["--with", "walker.glb", "--clip", "walk", "--bvh", "walk.bvh", "--for", "unity"]
+    assert quick(["animate", "person.obj", *options, "-o", "person.vrm"]) == 0
+    assert "ROOT Hips" in (folder / "walk.bvh").read_text()
+    content = (folder / "person.vrm").read_bytes()
+    assert b'"VRMC_vrm"' in content
+    assert b'"LeftUpperArm"' in content
+
+
+def test_an_unknown_engine_is_refused_first(quick, capsys):
+    assert quick(["animate", "person.obj", "-o", "doom.glb", "--for", "doom"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line == "error: --for doom: no such preset; wanted blender, godot, unity, unreal"
+
+
 def test_a_figure_that_cannot_be_matched_has_its_own_exit_code(quick, folder, monkeypatch, capsys):
     def refuse(source, figure, *, clips, seed, force, landmarks):
         raise MatchError("the figure does not fit; choose another performance, or --force")
@@ -311,7 +326,9 @@ def test_help_is_quick_and_shows_examples():
     assert min(times) < 0.4  # processor seconds: the machine may be busy
 
 
-@pytest.mark.parametrize("command", ["animate", "rig", "repose", "inspect", "demo", "evaluate"])
+@pytest.mark.parametrize(
+    "command", ["animate", "rig", "repose", "inspect", "demo", "evaluate", "batch"]
+)
 def test_every_command_explains_itself(command, tmp_path):
     done = bunraku(command, "--help", folder=tmp_path)
     assert done.returncode == 0
