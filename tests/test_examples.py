@@ -33,6 +33,11 @@ def test_the_realistic_figure_walks_without_tearing(capsys):
     assert "confidence" in capsys.readouterr().out
 
 
+def test_many_figures_end_in_their_own_ways(capsys):
+    assert run("04_many_figures") == ["done", "done", "bad input"]
+    assert "missing.obj: bad input, confidence 0.00" in capsys.readouterr().out
+
+
 def test_intrinsic_extrinsic_transfer_beats_functions():
     """The paper's finding (Table 1), on our own body."""
     errors = run("05_carry_weights")
