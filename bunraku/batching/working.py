@@ -18,11 +18,12 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 from PIL import Image
 
 from bunraku.batching.jobs import Job
 from bunraku.batching.records import Message, Record, Request, State, write_record
-from bunraku.evaluate.pictures import arrange
+from bunraku.evaluate.pictures import CLAY, arrange
 from bunraku.formats.files import write_atomically
 from bunraku.types import FormatError, MatchError
 from bunraku.verbs.animating import animate
@@ -65,16 +66,20 @@ def _produce(job: Job, folder: Path, name: str) -> tuple[dict[str, int], dict[st
     report = {key: msgspec.Raw(msgspec.json.encode(part)) for key, part in result.report.items()}
     write(folder / f"{name}.glb", result, vrm=job.vrm, engine=job.engine)
     files = [folder / f"{name}.glb", folder / f"{name}.png"]
-    write_atomically(files[1], draw_result(result))
+    write_atomically(files[1], draw_result(result, files[0]))
     if job.bvh:
         files += write_motions(folder / f"{name}.bvh", prepare_for(result.character, job.engine))
     return {file.name: file.stat().st_size for file in files}, report
 
 
-def draw_result(result: Result) -> bytes:
-    """Draw three moments of the first clip, as a PNG."""
+def draw_result(result: Result, written: Path) -> bytes:
+    """Draw three moments of the first clip in the colours of the written file, as a PNG."""
     character = replace(result.character, clips=result.character.clips[:1])
-    colours = read_colours(Path(result.figure.path), character)
+    try:
+        colours = read_colours(written, character)
+    except Exception as error:  # materials are read by a library, and a picture is not worth a job
+        logger.info("no colours for the picture: %s", error)
+        colours = np.tile(CLAY, (len(character.mesh.vertices), 1))
     picture: Image.Image = arrange(draw_clips(character, colours))
     content = io.BytesIO()
     picture.save(content, format="png")

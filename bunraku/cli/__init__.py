@@ -19,11 +19,14 @@ from bunraku.cli.options import (
     FileArgument,
     FolderOption,
     ForceOption,
+    HostOption,
     InspectJsonOption,
     JobsArgument,
     LandmarksOption,
     MemoryOption,
+    OfferedOption,
     OutOption,
+    PortOption,
     ReportOption,
     ResultsOption,
     ResumeOption,
@@ -199,6 +202,19 @@ def batch(
 
     limits = memory, timeout
     run_batch(jobs, folder, workers=workers, cluster=cluster, resume=resume, limits=limits)
+
+
+@app.command(epilog="Example: bunraku studio hero.glb --with knight.glb")
+def studio(
+    figure: OfferedOption = None,
+    performance: WithOption = None,
+    port: PortOption = 8080,
+    host: HostOption = "127.0.0.1",
+) -> None:
+    """Open a page in the browser: upload, animate, look at every clip, download."""
+    from bunraku.cli.visiting import run_studio
+
+    run_studio(figure, performance, host=host, port=port)
 
 
 def run(arguments: Sequence[str]) -> int:

@@ -158,3 +158,12 @@ MemoryOption = Annotated[
 TimeoutOption = Annotated[
     float, typer.Option("--timeout", min=0.1, help="Seconds that one job may take.")
 ]
+OfferedOption = Annotated[
+    Path | None,
+    typer.Argument(metavar="[FIGURE]", help="Offered first, beside the built-in figures."),
+]
+PortOption = Annotated[int, typer.Option("--port", min=0, max=65535, help="Of the page.")]
+HostOption = Annotated[
+    str,
+    typer.Option("--host", help="Address to listen at; others than this machine's let others in."),
+]
