@@ -30,7 +30,7 @@ def main() -> None:
         print(f"first paint after {time.perf_counter() - began:.1f} s")
         began = time.perf_counter()
         button.click()
-        page.get_by_text("Confidence").wait_for(timeout=180_000)
+        page.get_by_text("Confidence").first.wait_for(timeout=180_000)
         (visit,) = studio.visits.values()
         while not visit.poses:
             time.sleep(0.05)

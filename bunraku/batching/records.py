@@ -41,7 +41,7 @@ class Record(msgspec.Struct, frozen=True, kw_only=True):
         """Give the largest value of a measure among the clips, such as stretch_p99."""
         kind = list[dict[str, float | str]]
         clips = msgspec.json.decode(self.report.get("clips", b"[]"), type=kind)
-        return max((float(clip[measure]) for clip in clips), default=None)
+        return max((float(clip[measure]) for clip in clips if measure in clip), default=None)
 
 
 class Request(msgspec.Struct, frozen=True):

@@ -81,6 +81,7 @@ def _supervise(
             clock.cancel()
             process.kill()
             crew.drop(process)
+    record = record or find_record(Path(request.folder), request.name)  # killed at the very end
     return record or _bury(request, late.is_set(), seconds, process.returncode, crew)
 
 

@@ -55,24 +55,31 @@ class Actor:
         self.scene, self.name, self.character = scene, name, character
         self.place = (aside, 0.0, 0.0)
         self.motions: dict[str, Float[np.ndarray, "frames joints 4 4"]] = {}
-        bind = np.linalg.inv(character.skin.inverse_bind)
-        turns, places = split_poses(bind)
-        self.surfaces = [
-            scene.add_mesh_skinned(
-                f"{name}/surface{number}",
-                character.mesh.vertices,
-                faces,
-                bone_wxyzs=turns,
-                bone_positions=places,
-                skin_weights=character.skin.weights,
-                color=colour,
-                side="double",
-                position=self.place,
-            )
-            for number, (colour, faces) in enumerate(split_by_colour(character.mesh.faces, colours))
-        ]
+        parts = split_by_colour(character.mesh.faces, colours)
+        self.surfaces = [self._add_surface(number, *part) for number, part in enumerate(parts)]
         self.bones: Any = None
         self.cloud: Any = None
+
+    def _add_surface(
+        self, number: int, colour: tuple[int, int, int], faces: Int[np.ndarray, "some 3"]
+    ) -> tuple[Any, Int[np.ndarray, " moving"]]:
+        """Add a part of the surface with the joints that move it; give it and those."""
+        used, corners = np.unique(faces, return_inverse=True)
+        weights = self.character.skin.weights[used]
+        moving = np.flatnonzero(weights.any(axis=0))
+        turns, places = split_poses(np.linalg.inv(self.character.skin.inverse_bind[moving]))
+        surface = self.scene.add_mesh_skinned(
+            f"{self.name}/surface{number}",
+            self.character.mesh.vertices[used],
+            corners.reshape(-1, 3),
+            bone_wxyzs=turns,
+            bone_positions=places,
+            skin_weights=weights[:, moving],
+            color=colour,
+            side="double",
+            position=self.place,
+        )
+        return surface, moving
 
     def world(self, clip: Clip, share: float) -> Float[np.ndarray, "joints 4 4"]:
         """Place the joints at a share, 0 to 1, of a clip."""
@@ -87,9 +94,9 @@ class Actor:
         """Show a moment of a clip."""
         world = self.world(clip, share)
         turns, places = split_poses(world)
-        for surface in self.surfaces:
-            for bone, turn, place in zip(surface.bones, turns, places, strict=True):
-                bone.wxyz, bone.position = turn, place
+        for surface, moving in self.surfaces:
+            for bone, joint in zip(surface.bones, moving, strict=True):
+                bone.wxyz, bone.position = turns[joint], places[joint]
         if self.bones is not None:
             self.bones.points = self._segments(world)
         if self.cloud is not None:

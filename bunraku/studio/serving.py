@@ -1,5 +1,7 @@
 """Serve the studio: one page, and a visit for everybody who opens it."""
 
+import contextlib
+import io
 import threading
 from importlib import import_module
 from pathlib import Path
@@ -40,7 +42,8 @@ class Studio:
             message = "needs the extra: pip install 'bunraku[studio]'"
             raise FormatError("bunraku studio", "", message) from error
         self.visits: dict[int, Visit] = {}
-        self.server: Any = viser.ViserServer(host=host, port=port, label="bunraku", verbose=False)
+        with contextlib.redirect_stdout(io.StringIO()):  # it would print a box
+            self.server: Any = viser.ViserServer(host, port, label="bunraku", verbose=False)
         places = threading.Semaphore(count_cores())
         offered = choices(figure, performance)
 

@@ -58,8 +58,15 @@ class Visit:
         self._add_player()
         client.scene.set_up_direction("+y")
         client.scene.add_grid("/floor", width=8.0, height=8.0, plane="xz")
-        client.camera.position, client.camera.look_at = (1.6, 1.5, 3.4), (0.5, 0.8, 0.0)
+        self._look_at(0.5, 1.8)
         threading.Thread(target=self._play, daemon=True).start()
+
+    def _look_at(self, middle: float, height: float) -> None:
+        """Stand where everything on the stage can be seen, a little from above."""
+        camera = self.client.camera
+        camera.up_direction = (0.0, 1.0, 0.0)
+        camera.position = (middle + 0.4 * height, 0.8 * height, 2.2 * height)
+        camera.look_at = (middle, 0.5 * height, 0.0)
 
     def leave(self) -> None:
         """End the visitor's job, and remove what was uploaded and made."""
@@ -154,13 +161,15 @@ class Visit:
         width = 0.7 * float(
             np.ptp(moved.mesh.vertices[:, 0]) + np.ptp(performer.mesh.vertices[:, 0])
         )
-        scene = self.client.scene
+        height = max(float(np.ptp(who.mesh.vertices[:, 1])) for who in (moved, performer))
+        scene, aside = self.client.scene, max(width, 0.5)
         for actor in self.actors:
             scene.remove_by_name(actor.name)
         self.actors = [
             Actor(scene, "/figure", moved, self._colours(record, moved)),
-            Actor(scene, "/performer", performer, clay(performer), aside=max(width, 0.5)),
+            Actor(scene, "/performer", performer, clay(performer), aside=aside),
         ]
+        self._look_at(0.5 * aside, height)
         self.record = record
         self.clip.options = tuple(clip.name for clip in moved.clips)
         self.weights.options = (NOTHING, *moved.skeleton.names)

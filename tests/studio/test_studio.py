@@ -95,7 +95,7 @@ def test_upload_animate_scrub_and_download(studio, browser, folder):
     upload(page, "Upload a figure", folder / "figure.ply")
     page.get_by_text("figure.ply is here").wait_for()
     page.get_by_role("button", name="Animate").click()
-    page.get_by_text("Confidence").wait_for(timeout=90_000)
+    page.get_by_text("Confidence").first.wait_for(timeout=90_000)
 
     visit.playing.value = False
     pictures = {}

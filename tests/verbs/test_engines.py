@@ -6,7 +6,7 @@ import pytest
 from bunraku import builtin
 from bunraku.skinning import clip_transforms, forward_kinematics, play_clip
 from bunraku.types import Clip
-from bunraku.verbs.engines import ENGINES, prepare_for
+from bunraku.verbs.engines import ENGINES, name_bones, prepare_for
 
 HUMAN = builtin.human()
 
@@ -56,6 +56,15 @@ def test_fingers_and_faces_are_named_too(bone, blender, godot, unity, unreal):
     assert ENGINES["unreal"][0](bone) == unreal
     assert ENGINES["godot"][0](bone).startswith(godot)
     assert ENGINES["unity"][0](bone).startswith(unity)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_the_bones_are_found_again_under_their_new_names(engine):
+    """A VRM can be written for an engine."""
+    prepared = prepare_for(HUMAN, engine)
+    shift = len(prepared.skeleton.names) - len(HUMAN.skeleton.names)
+    ours = {bone: joint + shift for bone, joint in name_bones(HUMAN.skeleton).items()}
+    assert name_bones(prepared.skeleton) == ours
 
 
 def test_thumbs_differ_between_unity_and_godot():
