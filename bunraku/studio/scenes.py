@@ -81,6 +81,13 @@ class Actor:
         )
         return surface, moving
 
+    def leave(self) -> None:
+        """Take the character off the stage."""
+        nodes = [surface for surface, _ in self.surfaces]
+        for node in (*nodes, self.bones, self.cloud):
+            if node is not None:
+                node.remove()
+
     def world(self, clip: Clip, share: float) -> Float[np.ndarray, "joints 4 4"]:
         """Place the joints at a share, 0 to 1, of a clip."""
         if clip.name not in self.motions:

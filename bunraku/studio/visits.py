@@ -18,14 +18,15 @@ from bunraku.batching.running import Crew, run_apart
 from bunraku.evaluate.pictures import CLAY
 from bunraku.formats import read_character
 from bunraku.studio.scenes import Actor
-from bunraku.types import Character
+from bunraku.types import Character, FormatError
 from bunraku.verbs.performing import BUILT_IN, read_performer
 from bunraku.verbs.picturing import read_colours
 
-LARGEST_UPLOAD = 200 << 20  # bytes
+LARGEST_UPLOAD, MOST_UPLOADS = 200 << 20, 1 << 30  # bytes, of one and of all of a visitor
 STAGES = ("proxy", "registration", "skin and skeleton", "rest pose", "retargeting", "writing")
 RATE = 30.0  # poses a second
 NOTHING = "nothing"
+FIGURES, PERFORMANCES, RESULTS = "figures", "performances", "results"
 
 
 class Visit:
@@ -50,6 +51,9 @@ class Visit:
         self.figures, self.performances = dict(figures), dict(performances)
         self.kept = tempfile.TemporaryDirectory(prefix="bunraku-studio-")
         self.folder = Path(self.kept.name)
+        for name in (FIGURES, PERFORMANCES, RESULTS):  # an upload can never pass for a result
+            (self.folder / name).mkdir()
+        self.stage = threading.Lock()  # who may change what is shown
         self.crew, self.gone, self.busy = Crew(), threading.Event(), threading.Lock()
         self.actors: list[Actor] = []
         self.record: Record | None = None
@@ -81,9 +85,11 @@ class Visit:
         figures = gui.add_upload_button("Upload a figure")
         self.performance = gui.add_dropdown("Performance", list(self.performances))
         performances = gui.add_upload_button("Upload a performance")
-        figures.on_upload(lambda _: self._take(figures.value, self.figures, self.figure))
+        figures.on_upload(lambda _: self._take(figures.value, FIGURES, self.figures, self.figure))
         performances.on_upload(
-            lambda _: self._take(performances.value, self.performances, self.performance)
+            lambda _: self._take(
+                performances.value, PERFORMANCES, self.performances, self.performance
+            )
         )
         self.start = gui.add_button("Animate", color="violet")
         self.start.on_click(lambda _: self.animate())
@@ -106,22 +112,24 @@ class Visit:
         self.downloads[0].on_click(lambda _: self._send(".glb"))
         self.downloads[1].on_click(lambda _: self._send(".json"))
 
-    def _take(self, upload: Any, known: dict[str, Any], choice: Any) -> None:
+    def _take(self, upload: Any, kind: str, known: dict[str, Any], choice: Any) -> None:
         """Keep an upload under a name of ours, and choose it."""
-        if len(upload.content) > LARGEST_UPLOAD:
-            size = f"{len(upload.content) >> 20} MB, more than the {LARGEST_UPLOAD >> 20} allowed"
-            return self._say(f"error: {upload.name}: has {size}; simplify it")
+        size = len(upload.content)
+        taken = sum(path.stat().st_size for path in self.folder.rglob("*") if path.is_file())
+        if size > LARGEST_UPLOAD or taken + size > MOST_UPLOADS:
+            self._say(f"error: {upload.name}: has {size >> 20} MB, more than may be uploaded here")
+            return
         name = re.sub(r"[^\w.-]+", "_", Path(upload.name).name).lstrip(".") or "upload"
-        path = self.folder / name
+        path = self.folder / kind / name
         path.write_bytes(upload.content)
         known[name] = path
         choice.options = tuple(known)
         choice.value = name
-        return self._say(f"{name} is here. Press **Animate**.")
+        self._say(f"{name} is here. Press **Animate**.")
 
     def _say(self, text: str) -> None:
         """Show a line without the names of our folders."""
-        self.status.content = text.replace(f"{self.folder}/", "")
+        self.status.content = re.sub(rf"{re.escape(str(self.folder))}/\w+/", "", text)
 
     def animate(self) -> None:
         """Run the job of the chosen figure and performance; show how it ended."""
@@ -129,24 +137,32 @@ class Visit:
             return
         try:
             self.start.disabled = True
-            self._say("Waiting for other visitors ...")
-            performance = self.performances[self.performance.value]
-            job = Job(
-                figure=str(self.figures[self.figure.value]),
-                performance=None if performance is None else str(performance),
-            )
-            with self.places:
-                record = run_apart(job, self.folder, watch=self._tell, crew=self.crew)
+            record = self._run(self.figures[self.figure.value], self.performance.value)
             if record.state == "done":
                 self._show(record)
             else:
                 self._say(f"**{record.state}**: {record.error.removeprefix('error: ')}")
+        except FormatError as error:
+            self._say(f"error: {error}")
         except KeyboardInterrupt:  # the visitor has left
             return
         finally:
             with contextlib.suppress(Exception):  # the page may be gone
                 self.start.disabled = False
             self.busy.release()
+
+    def _run(self, figure: Path, performance: str) -> Record:
+        """Wait for a place, then do the job in a process of its own."""
+        self._say("Waiting for other visitors ...")
+        while not self.places.acquire(timeout=0.5):
+            if self.gone.is_set():
+                raise KeyboardInterrupt
+        try:
+            path = self.performances[performance]
+            job = Job(figure=str(figure), performance=None if path is None else str(path))
+            return run_apart(job, self.folder / RESULTS, watch=self._tell, crew=self.crew)
+        finally:
+            self.places.release()
 
     def _tell(self, job: Job, news: str | Record) -> None:
         """Move the progress bar."""
@@ -156,19 +172,21 @@ class Visit:
 
     def _show(self, record: Record) -> None:
         """Put the moving figure beside its performer."""
-        moved = read_character(self.folder / f"{record.name}.glb")
+        moved = read_character(self.folder / RESULTS / f"{record.name}.glb")
         performer = read_performer(record.job.performance)
         width = 0.7 * float(
             np.ptp(moved.mesh.vertices[:, 0]) + np.ptp(performer.mesh.vertices[:, 0])
         )
         height = max(float(np.ptp(who.mesh.vertices[:, 1])) for who in (moved, performer))
         scene, aside = self.client.scene, max(width, 0.5)
-        for actor in self.actors:
-            scene.remove_by_name(actor.name)
-        self.actors = [
-            Actor(scene, "/figure", moved, self._colours(record, moved)),
-            Actor(scene, "/performer", performer, clay(performer), aside=aside),
-        ]
+        colours = self._colours(record, moved)
+        with self.stage:
+            for actor in self.actors:
+                actor.leave()
+            self.actors = [
+                Actor(scene, "/figure", moved, colours),
+                Actor(scene, "/performer", performer, clay(performer), aside=aside),
+            ]
         self._look_at(0.5 * aside, height)
         self.record = record
         self.clip.options = tuple(clip.name for clip in moved.clips)
@@ -181,16 +199,17 @@ class Visit:
 
     def _colours(self, record: Record, character: Character) -> np.ndarray:
         try:
-            return read_colours(self.folder / f"{record.name}.glb", character)
+            return read_colours(self.folder / RESULTS / f"{record.name}.glb", character)
         except Exception:  # materials are read by a library; clay will do
             return clay(character)
 
     def _decorate(self) -> None:
         """Draw what was asked for besides the surface."""
-        if self.actors and (clip := self._find_clip(self.actors[0])):
-            share = self.moment.value
-            self.actors[0].show_skeleton(clip, share, wanted=self.skeleton.value)
-            self.actors[0].show_weights(clip, share, joint=self.weights.value)
+        with self.stage:
+            if self.actors and (clip := self._find_clip(self.actors[0])):
+                share = self.moment.value
+                self.actors[0].show_skeleton(clip, share, wanted=self.skeleton.value)
+                self.actors[0].show_weights(clip, share, joint=self.weights.value)
 
     def _find_clip(self, actor: Actor) -> Any:
         clips = {clip.name: clip for clip in actor.character.clips}
@@ -217,7 +236,7 @@ class Visit:
                 shown = wanted
 
     def _pose(self, share: float) -> None:
-        with self.client.atomic():
+        with self.stage, self.client.atomic():
             for actor in self.actors:
                 if clip := self._find_clip(actor):
                     actor.pose(clip, share)
@@ -227,7 +246,7 @@ class Visit:
         """Send a result, or the report in it, as a download."""
         if self.record is None:
             return
-        path = self.folder / f"{self.record.name}{suffix}"
+        path = self.folder / RESULTS / f"{self.record.name}{suffix}"
         content = path.read_bytes()
         if suffix == ".json":
             content = msgspec.json.format(msgspec.json.encode(self.record.report), indent=2)
