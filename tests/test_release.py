@@ -39,3 +39,8 @@ def test_heavy_packages_are_no_core_dependencies(project):
     core = " ".join(project["project"]["dependencies"])
     for name in ("matplotlib", "pybvh", "torch", "viser", "distributed", "numba", "mkdocs"):
         assert name not in core
+
+
+def test_the_types_are_for_others_too():
+    """PEP 561: without the marker, checkers take everything for Any."""
+    assert (ROOT / "bunraku" / "py.typed").exists()

@@ -43,7 +43,7 @@ def work(request: Request) -> Record:
         files, report = _produce(request.job, folder, request.name)
         ended: dict[str, Any] = {"state": "done", "files": files, "report": report}
     except Exception as error:
-        ended = _explain(error)
+        ended = _explain(error, request)
     seconds = time.perf_counter() - began
     record = Record(name=request.name, job=request.job, seconds=seconds, **ended)
     write_record(folder, record)
@@ -86,12 +86,14 @@ def draw_result(result: Result, written: Path) -> bytes:
     return content.getvalue()
 
 
-def _explain(error: Exception) -> dict[str, str]:
+def _explain(error: Exception, request: Request) -> dict[str, str]:
     """Say how a job ended that did not succeed."""
     state: State = "crashed"
     if isinstance(error, MemoryError) or isinstance(error.__cause__, MemoryError):
-        state = "out of memory"
-    elif isinstance(error, MatchError):
+        wants = f"needs more than {request.memory / (1 << 30):.3g} GB"
+        line = f"error: {request.job.figure}: {wants}; simplify it, or allow more with --memory"
+        return {"state": "out of memory", "error": shorten(line)}
+    if isinstance(error, MatchError):
         state = "no match"
     elif isinstance(error, FormatError):
         state = "bad input"

@@ -24,6 +24,7 @@ def test_a_job_that_needs_too_much_memory_fails_alone(job, tmp_path):
     record = run_apart(job, tmp_path, memory=200 << 20)
     assert record.state in ("out of memory", "crashed")  # some libraries die of it
     assert record.error.startswith(f"error: {job.figure}: ")
+    assert record.error.endswith("--memory")
     assert run_apart(job, tmp_path).state == "done"
 
 
