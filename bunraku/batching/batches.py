@@ -105,18 +105,19 @@ def _own(folder: Path, *, resume: bool) -> Iterator[Path]:
     results = folder / "results"
     try:
         results.mkdir(parents=True, exist_ok=True)
-        with open(folder / ".lock", "w") as lock:
-            _lock(folder, lock.fileno())
-            if not resume and next(results.glob("*.json"), None):
-                message = "holds results of an earlier batch; add --resume, or name another folder"
-                raise FormatError(folder, "", message)
-            for torn in results.glob(".*"):
-                with suppress(OSError):
-                    torn.unlink()
-            yield results
+        lock = open(folder / ".lock", "w")  # noqa: SIM115  # closed below, after our own errors
     except OSError as error:
         reason = f"cannot be used ({error.strerror}); name a folder that can be written"
         raise FormatError(folder, "", reason) from error
+    with lock:
+        _lock(folder, lock.fileno())
+        if not resume and next(results.glob("*.json"), None):
+            message = "holds results of an earlier batch; add --resume, or name another folder"
+            raise FormatError(folder, "", message)
+        for torn in results.glob(".*"):
+            with suppress(OSError):
+                torn.unlink()
+        yield results
 
 
 def _lock(folder: Path, handle: int) -> None:
