@@ -33,10 +33,18 @@ evaluate: install ## the paper's tables on the evaluation data (DATA=folder)
 	$(BIN)/bunraku evaluate weights --data $(DATA)/weights
 	$(BIN)/bunraku evaluate retarget --data $(DATA)
 
+dist: install ## build the wheel, install it into an empty environment, run the demo from there
+	rm -rf dist
+	$(BIN)/python -m build --wheel --outdir dist . > /dev/null
+	$(BIN)/python scripts/check_wheel.py dist/*.whl
+
+docs: install ## build the documentation into site/; it asks the network for nothing
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet --site-dir site
+
 bench: install ## how the cost of each stage grows
 	$(BIN)/python bench/stages.py
 
 fuzz: install ## search for files that break a reader (FUZZ_SECONDS a format)
 	OMP_NUM_THREADS=1 $(BIN)/python -m tests.fuzz.run --seconds $(or $(FUZZ_SECONDS),600)
 
-.PHONY: help install demo test lint format evaluate bench fuzz
+.PHONY: help install demo test lint format evaluate dist docs bench fuzz

@@ -1,3 +1,73 @@
-"""Make any unrigged 3D figure move."""
+"""Make any unrigged 3D figure move.
+
+    import bunraku
+
+    result = bunraku.animate("hero.obj", "knight.glb", ["Walk"])
+    bunraku.write("hero.glb", result)
+
+The functions are the commands of the command line, with the same options: `animate`, `rig`,
+`repose`, `inspect`, `batch`; `read` and `write` are its files. A `Result` keeps every stage.
+What a function needs is imported when it is first asked for.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from bunraku.batching.batches import batch
+    from bunraku.batching.jobs import Job
+    from bunraku.batching.records import Record
+    from bunraku.formats import inspect
+    from bunraku.formats import read_figure as read
+    from bunraku.types import FormatError, MatchError
+    from bunraku.verbs.animating import animate, repose, rig
+    from bunraku.verbs.performing import read_performer
+    from bunraku.verbs.results import Result
+    from bunraku.verbs.writing import write
 
 __version__ = "0.1.0"
+__all__ = [
+    "FormatError",
+    "Job",
+    "MatchError",
+    "Record",
+    "Result",
+    "animate",
+    "batch",
+    "inspect",
+    "read",
+    "read_performer",
+    "repose",
+    "rig",
+    "write",
+]
+_HOMES = {
+    "FormatError": "bunraku.types",
+    "MatchError": "bunraku.types",
+    "Result": "bunraku.verbs.results",
+    "Job": "bunraku.batching.jobs",
+    "Record": "bunraku.batching.records",
+    "animate": "bunraku.verbs.animating",
+    "batch": "bunraku.batching.batches",
+    "inspect": "bunraku.formats",
+    "read": "bunraku.formats:read_figure",
+    "read_performer": "bunraku.verbs.performing",
+    "repose": "bunraku.verbs.animating",
+    "rig": "bunraku.verbs.animating",
+    "write": "bunraku.verbs.writing",
+}
+
+
+def __getattr__(name: str) -> object:
+    """Import a public name when it is first used."""
+    if name not in _HOMES:
+        raise AttributeError(f"module 'bunraku' has no attribute {name!r}")
+    module, _, original = _HOMES[name].partition(":")
+    found = getattr(import_module(module), original or name)
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    """List the public names, imported or not."""
+    return sorted({*globals(), *__all__})

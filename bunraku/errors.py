@@ -99,6 +99,8 @@ class Code(Enum):
     BVH_FRAME_TIME = "the frame time is no number of seconds above 0"
     BVH_JOINTS = "joints share a name, have several roots or end without an end site"
 
+    JOBS = "a list of jobs is no table with a figure a line, or a job's options are wrong"
+
     LANDMARKS = "the landmarks are not places of joints of the performance"
     MATCH_POOR = "the figure cannot be matched well enough (exit code 3; --force writes anyway)"
     MATCH_DOUBTFUL = "the figure was matched, but something about the match is doubtful"

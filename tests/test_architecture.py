@@ -25,10 +25,13 @@ LAYERS = [
     {"neural"},
     {"routes"},
     {"evaluate"},
+    {"verbs"},
+    {"batching"},
     {"cli", "studio"},
 ]  # a module imports from its own layer and earlier ones
 ROUTES = LAYERS.index({"routes"})
 HEAVY = {"torch": {"neural"}, "typer": {"cli"}, "rich": {"cli", "evaluate"}, "anny": set()}
+VERBS = {"__all__", *bunraku.__all__}  # of the package itself: for the highest layer alone
 FILES = sorted(
     path for path in ROOT.rglob("*.py") if path.stem != "__init__" or path.parent != ROOT
 )
@@ -39,6 +42,7 @@ def imported(path: Path) -> set[str]:
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
+            names |= {"bunraku.__all__" for alias in node.names if alias.name == "bunraku"}
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0 and node.module, f"{path} imports by dots, which hides layers"
             names.add(node.module)
@@ -60,7 +64,9 @@ def test_imports_point_one_way(path):
     rank = {name: i for i, layer in enumerate(LAYERS) for name in layer}
     for imports in imported(path):
         package, _, rest = imports.partition(".")
-        if package == "bunraku" and rest != "__version__":
+        if rest in VERBS:
+            assert rank[top(path)] == len(LAYERS) - 1, f"{top(path)} imports the whole package"
+        elif package == "bunraku" and rest != "__version__":
             inner = rest.split(".")[0]
             assert rank[inner] <= rank[top(path)], f"{top(path)} imports {imports}"
             if top(path) in BORDERS:
@@ -92,12 +98,13 @@ def test_routes_read_on_one_screen_or_two(path):
     assert len(path.read_text().splitlines()) < 120
 
 
-def test_the_program_starts_before_anything_is_computed():
+@pytest.mark.parametrize("module", ["bunraku", "bunraku.cli"])
+def test_the_program_starts_before_anything_is_computed(module):
     """Help answers at once: what a command needs is imported when it runs."""
-    look = "import sys, bunraku.cli; print(*sys.modules)"
+    look = f"import sys, {module}; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", look], capture_output=True, text=True, check=True)
     loaded = set(done.stdout.split())
-    assert "bunraku.cli" in loaded
+    assert module in loaded
     assert not loaded & {"numpy", "scipy", "igl", "jaxtyping", "bunraku.types", "bunraku.formats"}
 
 

@@ -1,7 +1,6 @@
 """The command line: parse, call, write. What a command needs is imported when it runs."""
 
 import sys
-import time
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -10,22 +9,35 @@ import typer
 from bunraku.cli.evaluating import evaluate
 from bunraku.cli.failures import INTERRUPTED, describe_failure
 from bunraku.cli.options import (
+    BvhOption,
     CharacterOption,
     ClipOption,
+    ClusterOption,
     ContactsOption,
+    EngineOption,
     FacingOption,
     FigureArgument,
     FileArgument,
     FolderOption,
     ForceOption,
+    HostOption,
     InspectJsonOption,
+    JobsArgument,
     LandmarksOption,
+    MemoryOption,
+    OfferedOption,
     OutOption,
+    PortOption,
     ReportOption,
+    ResultsOption,
+    ResumeOption,
     SeedOption,
+    TimeoutOption,
     UpOption,
     VersionOption,
+    VrmOption,
     WithOption,
+    WorkersOption,
 )
 from bunraku.limits import SUMMARY
 
@@ -56,6 +68,9 @@ def animate(
     performance: WithOption = None,
     clip: ClipOption = None,
     report: ReportOption = None,
+    bvh: BvhOption = None,
+    vrm: VrmOption = False,
+    engine: EngineOption = None,
     landmarks: LandmarksOption = None,
     contacts: ContactsOption = True,
     seed: SeedOption = 0,
@@ -64,25 +79,31 @@ def animate(
     force: ForceOption = False,
 ) -> None:
     """Give a figure a skeleton, a skin and the clips of a performance."""
+    import bunraku
     from bunraku.cli import steps
-    from bunraku.formats import read_figure, write_character
 
-    started = time.perf_counter()
     inputs = [figure, performance, landmarks]
-    steps.check_output(out, [".glb"], inputs=inputs)
+    steps.check_output(out, [".glb", ".vrm"], inputs=inputs)
     steps.check_output(report, [".json"], inputs=[*inputs, out])
+    steps.check_output(bvh, [".bvh"], inputs=[*inputs, out])
+    steps.check_engine(engine)
     with steps.working(figure):
-        found = read_figure(figure, up=up, facing=facing)
-        source = steps.read_performer(performance)
-        clips = steps.choose_clips(source, clip, performance)
-        marks = steps.read_landmarks(landmarks, source)
-        transfer = steps.match(source, found, clips, seed=seed, force=force, landmarks=marks)
-        if not contacts:
-            transfer = steps.free_feet(transfer, clips)
-        write_character(out, found, transfer.character)
+        result = bunraku.animate(
+            figure,
+            performance,
+            clip,
+            landmarks=landmarks,
+            contacts=contacts,
+            seed=seed,
+            up=up,
+            facing=facing,
+            force=force,
+        )
+        bunraku.write(out, result, vrm=vrm, engine=engine)
+        if bvh:
+            bunraku.write(bvh, result, engine=engine)
         if report:
-            summary = steps.report_on(found, performance, source, transfer, started=started)
-            steps.write_report(report, summary)
+            bunraku.write(report, result)
 
 
 @app.command(epilog="Example: bunraku rig hero.obj -o hero-rigged.glb")
@@ -91,6 +112,8 @@ def rig(
     out: OutOption,
     performance: CharacterOption = None,
     report: ReportOption = None,
+    vrm: VrmOption = False,
+    engine: EngineOption = None,
     landmarks: LandmarksOption = None,
     seed: SeedOption = 0,
     up: UpOption = None,
@@ -98,22 +121,26 @@ def rig(
     force: ForceOption = False,
 ) -> None:
     """Give a figure a skeleton and a skin in its own pose, without clips."""
+    import bunraku
     from bunraku.cli import steps
-    from bunraku.formats import read_figure, write_character
 
-    started = time.perf_counter()
     inputs = [figure, performance, landmarks]
-    steps.check_output(out, [".glb"], inputs=inputs)
+    steps.check_output(out, [".glb", ".vrm"], inputs=inputs)
     steps.check_output(report, [".json"], inputs=[*inputs, out])
+    steps.check_engine(engine)
     with steps.working(figure):
-        found = read_figure(figure, up=up, facing=facing)
-        source = steps.read_performer(performance)
-        marks = steps.read_landmarks(landmarks, source)
-        transfer = steps.match(source, found, (), seed=seed, force=force, landmarks=marks)
-        write_character(out, found, transfer.character)
+        result = bunraku.rig(
+            figure,
+            performance,
+            landmarks=landmarks,
+            seed=seed,
+            up=up,
+            facing=facing,
+            force=force,
+        )
+        bunraku.write(out, result, vrm=vrm, engine=engine)
         if report:
-            summary = steps.report_on(found, performance, source, transfer, started=started)
-            steps.write_report(report, summary)
+            bunraku.write(report, result)
 
 
 @app.command(epilog="Example: bunraku repose hero.obj --with knight.glb -o hero-at-rest.obj")
@@ -128,16 +155,21 @@ def repose(
     force: ForceOption = False,
 ) -> None:
     """Put a figure in the rest pose of a character: the surface alone, Y up, no materials."""
+    import bunraku
     from bunraku.cli import steps
-    from bunraku.formats import read_figure, write_mesh
 
     steps.check_output(out, [".glb", ".obj", ".ply"], inputs=[figure, performance, landmarks])
     with steps.working(figure):
-        found = read_figure(figure, up=up, facing=facing)
-        source = steps.read_performer(performance)
-        marks = steps.read_landmarks(landmarks, source)
-        transfer = steps.match(source, found, (), seed=seed, force=force, landmarks=marks)
-        write_mesh(out, steps.at_rest(transfer))
+        rested = bunraku.repose(
+            figure,
+            performance,
+            landmarks=landmarks,
+            seed=seed,
+            up=up,
+            facing=facing,
+            force=force,
+        )
+        bunraku.write(out, rested)
 
 
 @app.command("inspect", epilog=f"Example: bunraku inspect knight.glb --json   |   {SUMMARY}")
@@ -154,6 +186,40 @@ def demo(folder: FolderOption = Path("demo"), seed: SeedOption = 0) -> None:
     from bunraku.cli.showing import run_demo
 
     run_demo(folder, seed=seed)
+
+
+@app.command(
+    epilog="Examples: bunraku batch jobs.csv -o moved --workers 4   |   "
+    "bunraku batch jobs.csv -o moved --resume   |   "
+    "bunraku batch jobs.csv -o moved --cluster tcp://host:8786"
+)
+def batch(
+    jobs: JobsArgument,
+    folder: ResultsOption,
+    workers: WorkersOption = None,
+    cluster: ClusterOption = None,
+    resume: ResumeOption = False,
+    memory: MemoryOption = 4.0,
+    timeout: TimeoutOption = 900.0,
+) -> None:
+    """Animate many figures, a process each; a second run does only what is missing."""
+    from bunraku.cli.batching import run_batch
+
+    limits = memory, timeout
+    run_batch(jobs, folder, workers=workers, cluster=cluster, resume=resume, limits=limits)
+
+
+@app.command(epilog="Example: bunraku studio hero.glb --with knight.glb")
+def studio(
+    figure: OfferedOption = None,
+    performance: WithOption = None,
+    port: PortOption = 8080,
+    host: HostOption = "127.0.0.1",
+) -> None:
+    """Open a page in the browser: upload, animate, look at every clip, download."""
+    from bunraku.cli.visiting import run_studio
+
+    run_studio(figure, performance, host=host, port=port)
 
 
 def run(arguments: Sequence[str]) -> int:

@@ -7,35 +7,11 @@ from pathlib import Path
 
 import typer
 
-from bunraku.errors import Code
+from bunraku.verbs.failing import about, shorten
 
+__all__ = ["about", "describe_failure", "printing_warnings", "shorten"]
 SUCCESS, BAD_INPUT, NO_MATCH, INTERRUPTED = 0, 2, 3, 130
-LONGEST_LINE = 300
 UsageError: type[BaseException] = typer.BadParameter.__mro__[1]  # of the parser typer came with
-
-
-@contextmanager
-def about(path: Path | str) -> Iterator[None]:
-    """Name a file in every error that does not name one itself."""
-    from bunraku.types import FormatError, MatchError
-
-    try:
-        yield
-    except FormatError:
-        raise
-    except MatchError as error:
-        raise MatchError(f"{path}: {error}") from error
-    except BrokenPipeError:
-        raise
-    except OSError as error:
-        reason = f"{error.strerror or error}; check the path"
-        raise FormatError(error.filename or path, "", reason, code=Code.FILE_UNREADABLE) from error
-    except MemoryError as error:
-        raise FormatError(
-            path, "", "needs more memory than there is; simplify it", code=Code.LIMIT_MEMORY
-        ) from error
-    except ValueError as error:
-        raise FormatError(path, "", str(error)) from error
 
 
 def describe_failure(error: BaseException) -> tuple[int, str]:
@@ -66,15 +42,6 @@ def _usage_message(error: BaseException) -> str:
     context = getattr(error, "ctx", None)
     command = context.command_path if context else "bunraku"
     return f"{command}: {message}. See {command} --help"
-
-
-def shorten(line: str, length: int = LONGEST_LINE) -> str:
-    """Put a message on one line of at most `length` characters, cut in the middle."""
-    line = " ".join(line.split())
-    if len(line) <= length:
-        return line
-    tail = length // 3
-    return f"{line[: length - tail - 5]} ... {line[-tail:]}"
 
 
 class WarningLines(logging.Handler):

@@ -66,6 +66,26 @@ ReportOption = Annotated[
     Path | None,
     typer.Option("--report", metavar="OUT.json", help="Write how far to trust the result."),
 ]
+BvhOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--bvh",
+        metavar="OUT.bvh",
+        help="Write the motion too; several clips become OUT-CLIP.bvh each.",
+    ),
+]
+VrmOption = Annotated[
+    bool, typer.Option("--vrm", help="Say which joint is which bone of a human, by VRM 1.0.")
+]
+EngineOption = Annotated[
+    str | None,
+    typer.Option(
+        "--for",
+        metavar="ENGINE",
+        help="Joint and clip names of blender, godot, unity or unreal; a root joint where it is "
+        "wanted.",
+    ),
+]
 LandmarksOption = Annotated[
     Path | None,
     typer.Option(
@@ -119,4 +139,39 @@ ThoroughOption = Annotated[
 StateOption = Annotated[
     Path | None,
     typer.Option("--state", metavar="ROWS.jsonl", help="Keep rows here, and resume from here."),
+]
+JobsArgument = Annotated[
+    Path,
+    typer.Argument(
+        metavar="JOBS.csv",
+        help="A figure a line: columns figure, performance, clips (a;b), and options of animate.",
+        show_default=False,
+    ),
+]
+ResultsOption = Annotated[
+    Path,
+    typer.Option("-o", "--out", metavar="FOLDER", help="For the results.", show_default=False),
+]
+WorkersOption = Annotated[
+    int | None, typer.Option("--workers", min=1, help="Jobs at a time; one a core, by default.")
+]
+ClusterOption = Annotated[
+    str | None,
+    typer.Option("--cluster", metavar="URL", help="A Dask scheduler, such as tcp://host:8786."),
+]
+ResumeOption = Annotated[bool, typer.Option("--resume", help="Do only what is missing.")]
+MemoryOption = Annotated[
+    float, typer.Option("--memory", min=0.1, help="Gigabytes that one job may use.")
+]
+TimeoutOption = Annotated[
+    float, typer.Option("--timeout", min=0.1, help="Seconds that one job may take.")
+]
+OfferedOption = Annotated[
+    Path | None,
+    typer.Argument(metavar="[FIGURE]", help="Offered first, beside the built-in figures."),
+]
+PortOption = Annotated[int, typer.Option("--port", min=0, max=65535, help="Of the page.")]
+HostOption = Annotated[
+    str,
+    typer.Option("--host", help="Address to listen at; others than this machine's let others in."),
 ]

@@ -2,7 +2,7 @@
 
 from bunraku.formats.inspection import Inspection, inspect
 from bunraku.formats.reading import read_character, read_figure, read_motion
-from bunraku.formats.writing import write_character, write_mesh
+from bunraku.formats.writing import write_character, write_mesh, write_motion
 
 __all__ = [
     "Inspection",
@@ -12,4 +12,5 @@ __all__ = [
     "read_motion",
     "write_character",
     "write_mesh",
+    "write_motion",
 ]

@@ -1,11 +1,11 @@
-"""BVH motion: pybvh reads what is strictly right, `bvh_text` what it refuses; units and axes here.
+"""BVH motion: `bvh_text` reads the words; units and axes are found here.
 
-bvhio was tried for the second part and dropped: it does not return on four damaged files, and
-takes seconds for a recording that is read here in hundredths.
+Libraries were tried and dropped: bvhio does not return on four damaged files, and takes seconds for
+a recording that is read here in hundredths; pybvh, which the tests compare with, refuses what many
+programs write, and brings 78 MB of matplotlib along.
 """
 
 import logging
-import warnings
 from collections.abc import Sequence
 from pathlib import PurePath
 
@@ -40,7 +40,7 @@ def read_recording(path: Location, content: bytes) -> tuple[Skeleton, Clip]:
     if b"\0" in content and content[:2] not in UTF16_MARKS:
         message = "holds NUL bytes, which no text has: it is damaged; download it again"
         raise FormatError(path, "", message, code=Code.BVH_HIERARCHY)
-    recording = _read_strictly(path) or parse_recording(path, content)
+    recording = parse_recording(path, content)
     _check(path, recording)
     _announce_oddities(path, recording)
     translations, rotations = _local_motion(path, recording)
@@ -62,40 +62,6 @@ def read_recording(path: Location, content: bytes) -> tuple[Skeleton, Clip]:
         np.ones((frames, joints, 3)),
     )
     return Skeleton(tuple(recording.names), np.array(recording.parents), rest), clip
-
-
-def _read_strictly(path: Location) -> Recording | None:
-    """Let pybvh read the file; nothing if it refuses, for whatever reason."""
-    from pybvh import read_bvh_file  # 0.06 s that only BVH files should cost
-
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            read = read_bvh_file(path, world_up="+y")
-    except Exception as error:  # its reader leaks every kind of error
-        logger.debug("%s: pybvh refuses: %s", path, error)
-        return None
-    number = {id(node): i for i, node in enumerate(read.nodes)}
-    ends = [node.is_end_site() for node in read.nodes]
-    channels = [
-        []
-        if end
-        else [*(f"P{axis}" for axis in getattr(node, "pos_channels", ()))]
-        + [f"R{axis}" for axis in node.rot_channels]
-        for node, end in zip(read.nodes, ends, strict=True)
-    ]
-    angles = np.degrees(read.joint_angles).reshape(len(read.root_pos), -1)
-    return Recording(
-        [
-            f"{node.parent.name}_end" if end else node.name
-            for node, end in zip(read.nodes, ends, strict=True)
-        ],
-        [NO_PARENT if node.parent is None else number[id(node.parent)] for node in read.nodes],
-        np.array([node.offset for node in read.nodes], np.float64),
-        channels,
-        np.column_stack([read.root_pos, angles]),
-        float(read.frame_time),
-    )
 
 
 def _check(path: Location, recording: Recording) -> None:

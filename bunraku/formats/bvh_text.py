@@ -1,4 +1,4 @@
-"""The BVH grammar read word by word: for files that stricter readers refuse.
+"""The BVH grammar read word by word, so that files that strict readers refuse are read too.
 
 Position channels on any joint, joints without channels or end sites, several roots, names with
 spaces, lines joined or split, keywords in any case, a frame count that is off.

@@ -15,11 +15,12 @@ import pytest
 from scipy.spatial import KDTree
 
 from bunraku import builtin
-from bunraku.cli import run, steps
+from bunraku.cli import run
 from bunraku.formats import read_character, read_figure, write_character, write_mesh
 from bunraku.routes.from_rig import animate_from_rig
 from bunraku.skinning import play_clip
 from bunraku.types import MatchError, Mesh
+from bunraku.verbs import animating
 
 PROGRAM = Path(sys.executable).with_name("bunraku")
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
@@ -125,7 +126,7 @@ def test_an_output_that_cannot_be_written_is_refused_first(folder, out, words, m
     (folder / "folder.glb").mkdir(exist_ok=True)
     before = (folder / "walker.glb").read_bytes()
     monkeypatch.chdir(folder)
-    monkeypatch.setattr(steps, "animate_from_rig", work_in_vain)
+    monkeypatch.setattr(animating, "animate_from_rig", work_in_vain)
     code = run(["animate", "person.obj", "--with", "walker.glb", "-o", out])
     expect_one_line(code, "", capsys.readouterr().err, f"error: {out}: {words}")
     assert (folder / "walker.glb").read_bytes() == before
@@ -135,7 +136,10 @@ def test_an_interrupt_leaves_nothing(folder):
     """Even if whoever started us does not listen, as shells do for jobs in the background."""
     before = sorted(folder.rglob("*"))
     work = "lambda *a, **k: (print('at work', flush=True), time.sleep(60))"
-    program = f"import time; from bunraku.cli import main, steps; steps.animate_from_rig = {work}"
+    program = (
+        "import time; from bunraku.cli import main; from bunraku.verbs import animating; "
+        f"animating.animate_from_rig = {work}"
+    )
     command = [sys.executable, "-c", f"{program}; main()", "animate", "person.obj"]
     listening = {"preexec_fn": lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)}
     with subprocess.Popen(
@@ -237,7 +241,7 @@ def quick(monkeypatch, transfer, folder):
         kept = [clip for clip in transfer.character.clips if clip.name in {c.name for c in clips}]
         return replace(transfer, character=replace(transfer.character, clips=tuple(kept)))
 
-    monkeypatch.setattr(steps, "animate_from_rig", answer)
+    monkeypatch.setattr(animating, "animate_from_rig", answer)
     monkeypatch.chdir(folder)
     return run
 
@@ -259,11 +263,26 @@ def test_repose_moves_a_person_at_rest_hardly_at_all(quick, folder, out):
     assert np.linalg.norm(rested.vertices - person.vertices, axis=1).mean() < 0.03
 
 
+def test_a_motion_and_a_vrm_are_written_on_request(quick, folder):
+    options = ["--with", "walker.glb", "--clip", "walk", "--bvh", "walk.bvh", "--for", "unity"]
+    assert quick(["animate", "person.obj", *options, "-o", "person.vrm"]) == 0
+    assert "ROOT Hips" in (folder / "walk.bvh").read_text()
+    content = (folder / "person.vrm").read_bytes()
+    assert b'"VRMC_vrm"' in content
+    assert b'"LeftUpperArm"' in content
+
+
+def test_an_unknown_engine_is_refused_first(quick, capsys):
+    assert quick(["animate", "person.obj", "-o", "doom.glb", "--for", "doom"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line == "error: --for doom: no such preset; wanted blender, godot, unity, unreal"
+
+
 def test_a_figure_that_cannot_be_matched_has_its_own_exit_code(quick, folder, monkeypatch, capsys):
     def refuse(source, figure, *, clips, seed, force, landmarks):
         raise MatchError("the figure does not fit; choose another performance, or --force")
 
-    monkeypatch.setattr(steps, "animate_from_rig", refuse)
+    monkeypatch.setattr(animating, "animate_from_rig", refuse)
     assert quick(["animate", "person.obj", "--with", "walker.glb", "-o", "poor.glb"]) == 3
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("error: person.obj: the figure does not fit")
@@ -278,7 +297,7 @@ def test_landmarks_reach_the_route(command, quick, transfer, folder, monkeypatch
         given.append(landmarks)
         return transfer
 
-    monkeypatch.setattr(steps, "animate_from_rig", listen)
+    monkeypatch.setattr(animating, "animate_from_rig", listen)
     (folder / "marks.json").write_text('{"hips": [0, 1, 0]}')
     options = ["person.obj", "--with", "walker.glb", "-o", "marked.glb"]
     assert quick([command, *options, "--landmarks", "marks.json"]) == 0
@@ -287,7 +306,7 @@ def test_landmarks_reach_the_route(command, quick, transfer, folder, monkeypatch
 
 def test_what_the_route_doubts_is_a_warning(quick, transfer, folder, monkeypatch, capsys):
     doubtful = replace(transfer, warnings=("two hats", "two hats"))
-    monkeypatch.setattr(steps, "animate_from_rig", lambda *a, **k: doubtful)
+    monkeypatch.setattr(animating, "animate_from_rig", lambda *a, **k: doubtful)
     assert quick(["animate", "person.obj", "--with", "walker.glb", "-o", "hats.glb"]) == 0
     assert capsys.readouterr().err == "warning: person.obj: two hats [MATCH_DOUBTFUL]\n"
 
@@ -319,7 +338,9 @@ def test_help_is_quick_and_shows_examples():
     assert min(times) < 0.4  # processor seconds: the machine may be busy
 
 
-@pytest.mark.parametrize("command", ["animate", "rig", "repose", "inspect", "demo", "evaluate"])
+@pytest.mark.parametrize(
+    "command", ["animate", "rig", "repose", "inspect", "demo", "evaluate", "batch"]
+)
 def test_every_command_explains_itself(command, tmp_path):
     done = bunraku(command, "--help", folder=tmp_path)
     assert done.returncode == 0

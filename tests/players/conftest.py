@@ -11,7 +11,12 @@ from typing import Any
 import pytest
 
 HERE = Path(__file__).parent
-VERSIONS = {"gltf-validator": "2.0.0-dev.3.10", "three": "0.187.0", "playwright-core": "1.65.1"}
+VERSIONS = {
+    "gltf-validator": "2.0.0-dev.3.10",
+    "three": "0.187.0",
+    "playwright-core": "1.65.1",
+    "@pixiv/three-vrm": "3.5.5",
+}
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 
 
@@ -75,3 +80,9 @@ def pose_in_browser(packages):
     if browser is None:
         pytest.skip("no Chromium: install it, or name it in the variable CHROMIUM")
     return lambda jobs: run_node("pose.mjs", packages, browser, job=jobs)
+
+
+@pytest.fixture(scope="session")
+def load_vrm(packages):
+    """Call three-vrm on files; give what it finds in each, and how much a turned arm moves."""
+    return lambda paths: run_node("vrm.mjs", packages, job=[str(path) for path in paths])

@@ -1,6 +1,6 @@
 """Carry skinning weights through a known map in the three ways of the paper's Table 1.
 
-python examples/carry_weights.py
+python examples/05_carry_weights.py
 """
 
 import numpy as np

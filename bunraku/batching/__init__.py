@@ -1,0 +1,1 @@
+"""Many figures overnight: a process a job, results named by content, nothing done twice."""

@@ -1,0 +1,28 @@
+"""bunraku studio: serve the page until somebody presses Ctrl-C."""
+
+import threading
+from pathlib import Path
+
+import typer
+
+from bunraku.errors import Code
+from bunraku.studio.serving import Studio
+from bunraku.types import FormatError
+
+
+def run_studio(figure: Path | None, performance: Path | None, *, host: str, port: int) -> None:
+    """Serve until interrupted.
+
+    Raises:
+        FormatError: if a file does not exist, or the extra is missing.
+    """
+    for path in (figure, performance):
+        if path is not None and not path.is_file():
+            message = "does not exist; check the name and the folder"
+            raise FormatError(path, "", message, code=Code.FILE_MISSING)
+    studio = Studio(figure, performance, host=host, port=port)
+    typer.echo(f"Open {studio.address} in a browser. Ctrl-C ends the studio.")
+    try:
+        threading.Event().wait()
+    finally:
+        studio.stop()

@@ -1,0 +1,1 @@
+"""A page in the browser: upload, animate, look at it from all sides, download."""

@@ -1,0 +1,268 @@
+"""A visitor: controls, uploads and a stage of its own; jobs run in processes of their own."""
+
+import contextlib
+import re
+import tempfile
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from bunraku import builtin
+from bunraku.batching.jobs import Job
+from bunraku.batching.records import Record
+from bunraku.batching.running import Crew, run_apart
+from bunraku.evaluate.pictures import CLAY
+from bunraku.formats import read_character
+from bunraku.studio.scenes import Actor
+from bunraku.types import Character, FormatError
+from bunraku.verbs.performing import BUILT_IN, read_performer
+from bunraku.verbs.picturing import read_colours
+
+LARGEST_UPLOAD, MOST_UPLOADS = 200 << 20, 1 << 30  # bytes, of one and of all of a visitor
+STAGES = ("proxy", "registration", "skin and skeleton", "rest pose", "retargeting", "writing")
+RATE = 30.0  # poses a second
+NOTHING = "nothing"
+FIGURES, PERFORMANCES, RESULTS = "figures", "performances", "results"
+
+
+class Visit:
+    """What one visitor sees and does; nobody else's."""
+
+    def __init__(
+        self,
+        client: Any,
+        places: threading.Semaphore,
+        figures: dict[str, Path],
+        performances: dict[str, Path | None],
+    ) -> None:
+        """Welcome a visitor.
+
+        Args:
+            client: of viser.
+            places: as many jobs may run at a time, of all visitors together.
+            figures: by name; the first one is chosen.
+            performances: by name; None is the built-in human.
+        """
+        self.client, self.places = client, places
+        self.figures, self.performances = dict(figures), dict(performances)
+        self.kept = tempfile.TemporaryDirectory(prefix="bunraku-studio-")
+        self.folder = Path(self.kept.name)
+        for name in (FIGURES, PERFORMANCES, RESULTS):  # an upload can never pass for a result
+            (self.folder / name).mkdir()
+        self.stage = threading.Lock()  # who may change what is shown
+        self.crew, self.gone, self.busy = Crew(), threading.Event(), threading.Lock()
+        self.actors: list[Actor] = []
+        self.record: Record | None = None
+        self.poses = 0  # sent so far
+        self._add_inputs()
+        self._add_player()
+        client.scene.set_up_direction("+y")
+        client.scene.add_grid("/floor", width=8.0, height=8.0, plane="xz")
+        self._look_at(0.5, 1.8)
+        threading.Thread(target=self._play, daemon=True).start()
+
+    def _look_at(self, middle: float, height: float) -> None:
+        """Stand where everything on the stage can be seen, a little from above."""
+        camera = self.client.camera
+        camera.up_direction = (0.0, 1.0, 0.0)
+        camera.position = (middle + 0.4 * height, 0.8 * height, 2.2 * height)
+        camera.look_at = (middle, 0.5 * height, 0.0)
+
+    def leave(self) -> None:
+        """End the visitor's job, and remove what was uploaded and made."""
+        self.gone.set()
+        self.crew.end()
+        with self.busy:
+            self.kept.cleanup()
+
+    def _add_inputs(self) -> None:
+        gui = self.client.gui
+        self.figure = gui.add_dropdown("Figure", list(self.figures))
+        figures = gui.add_upload_button("Upload a figure")
+        self.performance = gui.add_dropdown("Performance", list(self.performances))
+        performances = gui.add_upload_button("Upload a performance")
+        figures.on_upload(lambda _: self._take(figures.value, FIGURES, self.figures, self.figure))
+        performances.on_upload(
+            lambda _: self._take(
+                performances.value, PERFORMANCES, self.performances, self.performance
+            )
+        )
+        self.start = gui.add_button("Animate", color="violet")
+        self.start.on_click(lambda _: self.animate())
+        self.progress = gui.add_progress_bar(0.0)
+        self.status = gui.add_markdown("Choose a figure, then press **Animate**.")
+
+    def _add_player(self) -> None:
+        gui = self.client.gui
+        self.clip = gui.add_dropdown("Clip", [NOTHING], disabled=True)
+        self.playing = gui.add_checkbox("Play", True)
+        self.moment = gui.add_slider("Moment", 0.0, 1.0, 0.001, 0.0)
+        self.speed = gui.add_slider("Speed", 0.1, 2.0, 0.1, 1.0)
+        self.skeleton = gui.add_checkbox("Skeleton", False)
+        self.weights = gui.add_dropdown("Weights of", [NOTHING], disabled=True)
+        self.skeleton.on_update(lambda _: self._decorate())
+        self.weights.on_update(lambda _: self._decorate())
+        self.downloads = [
+            gui.add_button(f"Download {what}", disabled=True) for what in ("GLB", "report")
+        ]
+        self.downloads[0].on_click(lambda _: self._send(".glb"))
+        self.downloads[1].on_click(lambda _: self._send(".json"))
+
+    def _take(self, upload: Any, kind: str, known: dict[str, Any], choice: Any) -> None:
+        """Keep an upload under a name of ours, and choose it."""
+        size = len(upload.content)
+        taken = sum(path.stat().st_size for path in self.folder.rglob("*") if path.is_file())
+        if size > LARGEST_UPLOAD or taken + size > MOST_UPLOADS:
+            self._say(f"error: {upload.name}: has {size >> 20} MB, more than may be uploaded here")
+            return
+        name = re.sub(r"[^\w.-]+", "_", Path(upload.name).name).lstrip(".") or "upload"
+        path = self.folder / kind / name
+        path.write_bytes(upload.content)
+        known[name] = path
+        choice.options = tuple(known)
+        choice.value = name
+        self._say(f"{name} is here. Press **Animate**.")
+
+    def _say(self, text: str) -> None:
+        """Show a line without the names of our folders."""
+        self.status.content = re.sub(rf"{re.escape(str(self.folder))}/\w+/", "", text)
+
+    def animate(self) -> None:
+        """Run the job of the chosen figure and performance; show how it ended."""
+        if not self.busy.acquire(blocking=False):
+            return
+        try:
+            self.start.disabled = True
+            record = self._run(self.figures[self.figure.value], self.performance.value)
+            if record.state == "done":
+                self._show(record)
+            else:
+                self._say(f"**{record.state}**: {record.error.removeprefix('error: ')}")
+        except FormatError as error:
+            self._say(f"error: {error}")
+        except KeyboardInterrupt:  # the visitor has left
+            return
+        finally:
+            with contextlib.suppress(Exception):  # the page may be gone
+                self.start.disabled = False
+            self.busy.release()
+
+    def _run(self, figure: Path, performance: str) -> Record:
+        """Wait for a place, then do the job in a process of its own."""
+        self._say("Waiting for other visitors ...")
+        while not self.places.acquire(timeout=0.5):
+            if self.gone.is_set():
+                raise KeyboardInterrupt
+        try:
+            path = self.performances[performance]
+            job = Job(figure=str(figure), performance=None if path is None else str(path))
+            return run_apart(job, self.folder / RESULTS, watch=self._tell, crew=self.crew)
+        finally:
+            self.places.release()
+
+    def _tell(self, job: Job, news: str | Record) -> None:
+        """Move the progress bar."""
+        if isinstance(news, str) and news in STAGES:
+            self.progress.value = 100.0 * (STAGES.index(news) + 0.5) / len(STAGES)
+            self._say(f"{news} ...")
+
+    def _show(self, record: Record) -> None:
+        """Put the moving figure beside its performer."""
+        moved = read_character(self.folder / RESULTS / f"{record.name}.glb")
+        performer = read_performer(record.job.performance)
+        width = 0.7 * float(
+            np.ptp(moved.mesh.vertices[:, 0]) + np.ptp(performer.mesh.vertices[:, 0])
+        )
+        height = max(float(np.ptp(who.mesh.vertices[:, 1])) for who in (moved, performer))
+        scene, aside = self.client.scene, max(width, 0.5)
+        colours = self._colours(record, moved)
+        with self.stage:
+            for actor in self.actors:
+                actor.leave()
+            self.actors = [
+                Actor(scene, "/figure", moved, colours),
+                Actor(scene, "/performer", performer, clay(performer), aside=aside),
+            ]
+        self._look_at(0.5 * aside, height)
+        self.record = record
+        self.clip.options = tuple(clip.name for clip in moved.clips)
+        self.weights.options = (NOTHING, *moved.skeleton.names)
+        for control in (self.clip, self.weights, *self.downloads):
+            control.disabled = False
+        self.progress.value = 100.0
+        lines = [f"**Confidence {record.confidence:.2f}** after {record.seconds:.1f} s."]
+        self._say("\n\n".join([*lines, *record.warnings]))
+
+    def _colours(self, record: Record, character: Character) -> np.ndarray:
+        try:
+            return read_colours(self.folder / RESULTS / f"{record.name}.glb", character)
+        except Exception:  # materials are read by a library; clay will do
+            return clay(character)
+
+    def _decorate(self) -> None:
+        """Draw what was asked for besides the surface."""
+        with self.stage:
+            if self.actors and (clip := self._find_clip(self.actors[0])):
+                share = self.moment.value
+                self.actors[0].show_skeleton(clip, share, wanted=self.skeleton.value)
+                self.actors[0].show_weights(clip, share, joint=self.weights.value)
+
+    def _find_clip(self, actor: Actor) -> Any:
+        clips = {clip.name: clip for clip in actor.character.clips}
+        return clips.get(self.clip.value)
+
+    def _play(self) -> None:
+        """Pose everybody at the chosen moment, again and again."""
+        shown: tuple[Any, ...] = ()
+        last = time.monotonic()
+        while not self.gone.wait(1 / RATE):
+            now, before = time.monotonic(), last
+            last = now
+            clip = self._find_clip(self.actors[0]) if self.actors else None
+            if clip is None:
+                continue
+            if self.playing.value:
+                seconds = max(float(clip.times[-1] - clip.times[0]), 1e-3)
+                self.moment.value = (
+                    self.moment.value + (now - before) * self.speed.value / seconds
+                ) % 1
+            wanted = (clip.name, self.moment.value, id(self.actors[0]))
+            if wanted != shown:
+                self._pose(self.moment.value)
+                shown = wanted
+
+    def _pose(self, share: float) -> None:
+        with self.stage, self.client.atomic():
+            for actor in self.actors:
+                if clip := self._find_clip(actor):
+                    actor.pose(clip, share)
+        self.poses += 1
+
+    def _send(self, suffix: str) -> None:
+        """Send a result, or the report in it, as a download."""
+        if self.record is None:
+            return
+        path = self.folder / RESULTS / f"{self.record.name}{suffix}"
+        content = path.read_bytes()
+        if suffix == ".json":
+            content = msgspec.json.format(msgspec.json.encode(self.record.report), indent=2)
+        name = f"{Path(self.record.job.figure).stem}-moving{suffix}"
+        self.client.send_file_download(name, content, save_immediately=True)
+
+
+def clay(character: Character) -> np.ndarray:
+    """Give every vertex the colour of clay."""
+    return np.tile(CLAY, (len(character.mesh.vertices), 1))
+
+
+def choices(
+    figure: Path | None, performance: Path | None
+) -> tuple[dict[str, Path], dict[str, Path | None]]:
+    """List the figures and performances that every visitor may choose, the given ones first."""
+    figures = {figure.name: figure.resolve()} if figure else {}
+    performances = {performance.name: performance.resolve()} if performance else {}
+    return figures | builtin.figure_paths(), {**performances, BUILT_IN: None}

@@ -1,0 +1,58 @@
+"""What a verb gives: the figure, the performer, and every stage between them."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+from bunraku.evaluate.report import report_transfer
+from bunraku.routes.from_rig import RigTransfer
+from bunraku.skinning import linear_blend_skinning
+from bunraku.types import Character, Figure, Mesh
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """A figure that moves, and how it came about; `bunraku.write` puts it into files."""
+
+    figure: Figure  # as it was found
+    performer: Character
+    performance: str  # the performer's name: its file as given, or "built-in human"
+    transfer: RigTransfer  # every stage of the route: proxies, registration, joints, rest pose, ...
+    total_seconds: float  # reading included
+
+    @property
+    def character(self) -> Character:
+        """The figure as found, bound to the performer's joints, with the clips carried over."""
+        return self.transfer.character
+
+    @property
+    def confidence(self) -> float:
+        """How far to trust the match, 0 to 1: one half at a strain of .28, set by eye."""
+        return self.transfer.confidence
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the route found doubtful, in plain words."""
+        return self.transfer.warnings
+
+    @property
+    def seconds(self) -> dict[str, float]:
+        """How long each stage took, in order."""
+        return self.transfer.seconds
+
+    @cached_property
+    def at_rest(self) -> Mesh:
+        """The figure in its performer's rest pose: the surface alone, in metres, Y up."""
+        mesh, skin = self.character.mesh, self.character.skin
+        vertices = linear_blend_skinning(mesh.vertices, skin.weights, self.transfer.repose_motion)
+        return Mesh(vertices, mesh.faces)
+
+    @cached_property
+    def report(self) -> dict[str, object]:
+        """How far to trust the result, in numbers: what `--report` writes."""
+        return report_transfer(
+            self.figure.path,
+            {"path": self.performance},
+            self.performer,
+            self.transfer,
+            total_seconds=self.total_seconds,
+        )

@@ -1,0 +1,76 @@
+"""Write what a verb gave, by the suffix of the file."""
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+import msgspec
+
+from bunraku.errors import Code
+from bunraku.formats import write_character, write_mesh, write_motion
+from bunraku.formats.files import Location, write_atomically
+from bunraku.types import Character, FormatError, Mesh
+from bunraku.verbs.engines import name_bones, prepare_for
+from bunraku.verbs.failing import about
+from bunraku.verbs.results import Result
+
+
+def write(
+    path: Location, thing: Result | Mesh, *, vrm: bool = False, engine: str | None = None
+) -> None:
+    """Write a result or a surface, in one step: whoever looks sees the old file or all of the new.
+
+    Args:
+        path: its suffix decides. A result becomes the figure's own document with skeleton, skin
+            and clips (.glb, .vrm), its motion alone (.bvh; several clips become NAME-CLIP.bvh), or
+            its report (.json). A mesh becomes .obj, .ply or .glb.
+        thing: what `animate`, `rig` or `repose` gave.
+        vrm: say which joints are which bones of a human, by VRM 1.0; .vrm says it too.
+        engine: name joints and clips as blender, godot, unity or unreal know them.
+
+    Raises:
+        FormatError: if the suffix is another one, the file cannot be written, the engine is
+            unknown, or a VRM is asked for and the performance has not all the bones of a human.
+    """
+    if isinstance(thing, Mesh):
+        write_mesh(path, thing)
+        return
+    with about(str(path)):
+        _write_result(path, thing, vrm=vrm, engine=engine)
+
+
+def _write_result(path: Location, result: Result, *, vrm: bool, engine: str | None) -> None:
+    character = prepare_for(result.character, engine)
+    match Path(path).suffix.lower():
+        case ".glb" | ".vrm":
+            bones = name_bones(character.skeleton)
+            write_character(path, result.figure, character, bones=bones, make_vrm=vrm)
+        case ".bvh":
+            write_motions(path, character)
+        case ".json":
+            write_report(path, result.report)
+        case other:
+            message = f"cannot hold a result as {other or 'no suffix'}"
+            raise FormatError(
+                path, "", f"{message}; wanted .glb .vrm .bvh, or .json", code=Code.OUT_SUFFIX
+            )
+
+
+def write_motions(path: Location, character: Character) -> list[Path]:
+    """Write a clip as BVH; of several, each into a file with its name; list the files."""
+    if not character.clips:
+        message = "would be empty: there are no clips; use bunraku animate"
+        raise FormatError(path, "", message, code=Code.CLIP_MISSING)
+    place, written = Path(path), []
+    for clip in character.clips:
+        plain = re.sub(r"[^\w.-]+", "_", clip.name)
+        alone = len(character.clips) == 1
+        own = place if alone else place.with_name(f"{place.stem}-{plain}{place.suffix}")
+        write_motion(own, character.skeleton, clip)
+        written.append(own)
+    return written
+
+
+def write_report(path: Location, report: Mapping[str, object]) -> None:
+    """Write a report as JSON that a person can read."""
+    write_atomically(path, msgspec.json.format(msgspec.json.encode(report), indent=2) + b"\n")

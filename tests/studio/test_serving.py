@@ -1,0 +1,78 @@
+import sys
+import threading
+
+import pytest
+
+from bunraku.cli import run
+from bunraku.studio import visits
+from bunraku.studio.serving import Studio
+from bunraku.types import FormatError
+
+
+def test_a_missing_extra_is_one_line(monkeypatch):
+    monkeypatch.setitem(sys.modules, "viser", None)
+    with pytest.raises(FormatError, match=r"needs the extra: pip install 'bunraku\[studio\]'"):
+        Studio(port=0)
+
+
+def test_a_missing_figure_is_one_line(capsys):
+    assert run(["studio", "missing.obj"]) == 2
+    assert capsys.readouterr().err.startswith("error: missing.obj: does not exist")
+
+
+def test_what_is_given_is_offered_first(tmp_path):
+    figures, performances = visits.choices(tmp_path / "hero.obj", None)
+    assert list(figures) == ["hero.obj", "stylised", "realistic"]
+    assert list(performances) == ["built-in human"]
+
+
+class Anything:
+    """Takes whatever is done to it, as a page does."""
+
+    def __getattr__(self, name):
+        return self.__dict__.setdefault(name, Anything())
+
+    def __call__(self, *arguments, **options):
+        return Anything()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *error):
+        return None
+
+
+class Upload:
+    def __init__(self, name, content):
+        self.name, self.content = name, content
+
+
+def test_uploads_are_capped_renamed_and_removed(monkeypatch):
+    visit = visits.Visit(Anything(), threading.Semaphore(1), *visits.choices(None, None))
+    monkeypatch.setattr(visits, "LARGEST_UPLOAD", 10)
+
+    def take(name, content):
+        visit._take(Upload(name, content), "figures", visit.figures, visit.figure)
+        return visit.status.content
+
+    assert take("../../etc/pass word", b"1234") == "pass_word is here. Press **Animate**."
+    assert visit.figures["pass_word"].parent == visit.folder / "figures"
+    assert take("..", b"1234") == "upload is here. Press **Animate**."
+    assert "more than may be uploaded" in take("big.obj", bytes(11))
+    monkeypatch.setattr(visits, "MOST_UPLOADS", 10)
+    assert "more than may be uploaded" in take("third.obj", b"1234")
+    visit.leave()
+    assert not visit.folder.exists()
+
+
+def test_visitors_have_folders_of_their_own():
+    first, second = (
+        visits.Visit(Anything(), threading.Semaphore(1), *visits.choices(None, None))
+        for _ in range(2)
+    )
+    assert first.folder != second.folder
+    first._take(Upload("a.obj", b"v"), "figures", first.figures, first.figure)
+    assert "a.obj" not in second.figures
+    first.leave()
+    assert second.folder.exists()
+    second.leave()
