@@ -83,6 +83,7 @@ class Code(Enum):
 
     RIG_MISSING = "there is no rig: neither a skin nor animated nodes"
     RIG_NO_SURFACE = "there is a rig, but no surface that it moves"
+    RIG_VRM = "bones that a VRM names, or needs, are not there; the file may be no VRM any more"
     SKIN_JOINTS = "joints of a skin are doubled, do not exist or share no root"
     SKIN_BIND = "inverse bind matrices are too few, not finite, flat or of different poses"
     SKIN_WEIGHTS = "skinning weights are not finite, negative, all zero or do not sum to 1"

@@ -19,7 +19,7 @@ def main() -> float:
     print(f"registration: strain {stages.registration.strain:.2f}, 0 is perfect")
 
     names = result.character.skeleton.names
-    heights = dict(zip(names, stages.joints[:, 1], strict=True))
+    heights = dict(zip(names, stages.reposed.found[:, 1], strict=True))
     print(f"head {heights['head']:.2f} m, hips {heights['hips']:.2f} m above the ground")
     strongest = result.character.skin.weights.argmax(axis=1)
     for joint, count in zip(*np.unique(strongest, return_counts=True), strict=True):

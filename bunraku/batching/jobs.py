@@ -27,6 +27,7 @@ class Job(msgspec.Struct, frozen=True, kw_only=True):
     performance: str | None = None
     clips: tuple[str, ...] = ()
     landmarks: str | None = None
+    contacts: bool = True
     seed: int = 0
     up: str | None = None
     facing: str | None = None
@@ -107,7 +108,7 @@ def read_job(cells: Mapping[str, str], folder: Path) -> Job:
             given[name] = str(folder / cells[name])
     if "clips" in given:
         given["clips"] = [name.strip() for name in cells["clips"].split(";") if name.strip()]
-    for name in ("force", "bvh", "vrm"):
+    for name in ("contacts", "force", "bvh", "vrm"):
         if name in given:
             given[name] = _as_truth(name, cells[name])
     try:

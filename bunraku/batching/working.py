@@ -57,6 +57,7 @@ def _produce(job: Job, folder: Path, name: str) -> tuple[dict[str, int], dict[st
         job.performance,
         job.clips or None,
         landmarks=job.landmarks,
+        contacts=job.contacts,
         seed=job.seed,
         up=job.up,
         facing=job.facing,

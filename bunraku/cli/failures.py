@@ -7,6 +7,7 @@ from pathlib import Path
 
 import typer
 
+from bunraku.errors import Code
 from bunraku.verbs.failing import about, shorten
 
 __all__ = ["about", "describe_failure", "printing_warnings", "shorten"]

@@ -30,7 +30,7 @@ def ended(folder):
 def test_a_bad_figure_stops_no_other(ended, folder):
     records, _ = ended
     assert [record.state for record in records] == ["done", "bad input", "done", "done"]
-    assert records[1].error.startswith(f"error: {folder / 'bad.obj'}: line 1")
+    assert records[1].error.startswith(f"error: {folder / 'bad.obj'}: has no faces")
     for record in records:
         for name, size in record.files.items():
             assert (folder / "out" / "results" / name).stat().st_size == size

@@ -275,7 +275,7 @@ def test_a_motion_and_a_vrm_are_written_on_request(quick, folder):
 def test_an_unknown_engine_is_refused_first(quick, capsys):
     assert quick(["animate", "person.obj", "-o", "doom.glb", "--for", "doom"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert line == "error: --for doom: no such preset; wanted blender, godot, unity, unreal"
+    assert line == "error: --for doom: no such preset; wanted blender, godot, unity, unreal [OPTION]"
 
 
 def test_a_figure_that_cannot_be_matched_has_its_own_exit_code(quick, folder, monkeypatch, capsys):

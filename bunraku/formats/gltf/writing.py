@@ -6,6 +6,7 @@ from pathlib import PurePath
 import numpy as np
 from jaxtyping import Int
 
+from bunraku.errors import Code
 from bunraku.formats.gltf.animating import add_clip
 from bunraku.formats.gltf.document import Document
 from bunraku.formats.gltf.draft import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, Draft, draft_document
@@ -81,7 +82,7 @@ def _settle_vrm(
         add_vrm(draft, bones, path=document.path)
     old = {node for skin in document.gltf.skins for node in skin.joints}
     for message in rename_bones(draft, bones, old=old):
-        document.warn(message)
+        document.warn("/extensions", message, code=Code.RIG_VRM)
 
 
 def encode_mesh(mesh: Mesh) -> bytes:
