@@ -12,6 +12,7 @@ from bunraku.cli.failures import INTERRUPTED, describe_failure
 from bunraku.cli.options import (
     CharacterOption,
     ClipOption,
+    DepthArgument,
     FacingOption,
     FigureArgument,
     FileArgument,
@@ -45,7 +46,8 @@ def root(version: VersionOption = None) -> None:
 @app.command(
     epilog="Examples: bunraku animate hero.obj -o hero.glb   |   "
     "bunraku animate hero.glb --with knight.glb --clip Walk --clip Idle -o moving.glb   |   "
-    "bunraku animate hero.glb --with dance.bvh -o dancing.glb --report dancing.json"
+    "bunraku animate hero.glb --with dance.bvh -o dancing.glb --report dancing.json   |   "
+    "bunraku animate hero.glb --with recording/ -o hero-moves.glb"
 )
 def animate(
     figure: FigureArgument,
@@ -60,7 +62,7 @@ def animate(
     force: ForceOption = False,
 ) -> None:
     """Give a figure a skeleton, a skin and the clips of a performance."""
-    from bunraku.cli import steps
+    from bunraku.cli import capturing, steps
     from bunraku.formats import read_figure, write_character
 
     started = time.perf_counter()
@@ -69,6 +71,9 @@ def animate(
     steps.check_output(report, [".json"], inputs=[*inputs, out])
     with steps.working(figure):
         found = read_figure(figure, up=up, facing=facing)
+        if performance is not None and performance.is_dir():
+            film = capturing.Film(performance, clip, landmarks)
+            return capturing.animate(found, film, out, report, seed=seed, force=force)
         source = steps.read_performer(performance)
         clips = steps.choose_clips(source, clip, performance)
         marks = steps.read_landmarks(landmarks, source)
@@ -132,6 +137,17 @@ def repose(
         marks = steps.read_landmarks(landmarks, source)
         transfer = steps.match(source, found, (), seed=seed, force=force, landmarks=marks)
         write_mesh(out, steps.at_rest(transfer))
+
+
+@app.command(epilog="Example: bunraku capture recording/ -o performer.glb")
+def capture(folder: DepthArgument, out: OutOption, report: ReportOption = None) -> None:
+    """Turn a depth video into a rigged performer: what was seen of it, a skeleton, its motion."""
+    from bunraku.cli import capturing, steps
+
+    steps.check_output(out, [".glb"], inputs=[folder])
+    steps.check_output(report, [".json"], inputs=[folder, out])
+    with steps.working(folder):
+        capturing.capture(folder, out, report)
 
 
 @app.command("inspect", epilog="Example: bunraku inspect knight.glb --json")

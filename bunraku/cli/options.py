@@ -34,13 +34,21 @@ FigureArgument = Annotated[
         show_default=False,
     ),
 ]
+DepthArgument = Annotated[
+    Path,
+    typer.Argument(
+        metavar="DEPTH_FOLDER",
+        help="NNNN.png in 16 bits, intrinsics.json, and mask/NNNN.png if you have them.",
+        show_default=False,
+    ),
+]
 WithOption = Annotated[
     Path | None,
     typer.Option(
         "--with",
         metavar="PERFORMANCE",
-        help="A rigged character (.glb .gltf .vrm), or a motion (.bvh) for the built-in human. "
-        "Without it: the built-in human and its clips.",
+        help="A rigged character (.glb .gltf .vrm), a folder of depth frames, or a motion (.bvh) for "
+        "the built-in human. Without it: the built-in human and its clips.",
         show_default=False,
     ),
 ]

@@ -12,6 +12,7 @@ from bunraku.evaluate import metrics
 from bunraku.evaluate.families import play_at
 from bunraku.graphs import mesh_edges
 from bunraku.meshes import connected_parts, weld
+from bunraku.routes.from_depth import Capture
 from bunraku.routes.from_rig import RigTransfer
 from bunraku.skinning import clip_transforms, forward_kinematics
 from bunraku.types import Character, Clip, Mesh, Skin
@@ -152,3 +153,31 @@ def joint_paths(character: Character, clip: Clip) -> Float[np.ndarray, "frames j
     """Follow every joint through a clip, in metres."""
     world = forward_kinematics(character.skeleton.parents, clip_transforms(clip))
     return world[..., :3, 3].copy()
+
+
+def report_capture(path: str, capture: Capture, *, total_seconds: float) -> dict[str, object]:
+    """Gather what a depth video gave: how well it was followed, and what was seen.
+
+    Args:
+        path: the video's folder as the user named it.
+        capture: what the route gave.
+        total_seconds: from the start of the command, reading included.
+    """
+    seen, bones = capture.track.visible, capture.bones.owners
+    names = capture.character.skeleton.names
+    shares = [float(seen[:, bones == bone].mean()) for bone in range(len(names))]
+    return {
+        "bunraku": __version__,
+        "route": "from_depth",
+        "performance": {
+            "path": path,
+            "frames": len(capture.times),
+            "reference_frame": capture.track.reference,
+            "diagonal": capture.diagonal,
+            "joints": len(names),
+        },
+        "seconds": {"total": total_seconds, **capture.seconds},
+        "warnings": list(capture.warnings),
+        "tracking_error_m": [float(error) for error in capture.track.residuals],
+        "seen": dict(zip(names, shares, strict=True)),
+    }

@@ -1,0 +1,224 @@
+"""Follow a surface through a depth video with a deformation graph (Transfer4D, Sec. 3.1).
+
+Paper: point to point, one way, 100 steps of gradient descent a frame. We: nearest points both ways
+in position and normal, mostly to the plane, robust, Gauss-Newton, because limbs that the model does
+not reach must pull too, and because it is a hundred times faster (docs/log.md).
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.spatial import cKDTree
+
+from bunraku.depth.meshing import View
+from bunraku.depth.projection import project_points
+from bunraku.registration.correspondence import features, robust_weights
+from bunraku.registration.deformation import (
+    Graph,
+    Motion,
+    Wish,
+    at_rest,
+    build_graph,
+    gauss_newton,
+    turn_normals,
+    warp,
+)
+from bunraku.rotations import matrices_to_vectors, vectors_to_matrices
+
+Points = Float[np.ndarray, "points 3"]
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How frames are fitted; lengths in units of half the subject's diagonal."""
+
+    radius: float = 0.07  # of the graph's nodes (sigma)
+    steps: int = 8
+    queries: int = 1500  # samples of each side that ask for their nearest, in each step
+    normals: float = 0.15  # of a unit of normal, in the search
+    gate: float = 0.25  # pairs farther apart are dropped
+    width: float = 0.1  # of the robust weight
+    share: float = 0.1  # of point-to-point beside point-to-plane
+    rigidity: float = 0.5  # of one edge, against 2500 samples
+    damping: float = 1e-3
+    momentum: float = 0.6  # of the last frame's motion, taken as the first guess
+    both_ways: bool = True  # depth asks for its nearest on the surface too
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """A surface followed through a video."""
+
+    reference: int  # frame whose view it is
+    graph: Graph
+    motion: Motion  # of every frame
+    places: Float[np.ndarray, "frames vertices 3"]
+    visible: Bool[np.ndarray, "frames vertices"]
+    residuals: Float[np.ndarray, " frames"]  # mean distance of depth to the surface, metres
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """The reference surface in units of half its diagonal, with its graph."""
+
+    vertices: Points
+    normals: Points
+    graph: Graph
+    unit: float  # metres
+
+
+def track(
+    views: Sequence[View],
+    reference: int,
+    intrinsics: Float[np.ndarray, "3 3"],
+    diagonal: float,
+    *,
+    settings: Settings,
+    progress: Progress = lambda done, count: None,
+) -> Track:
+    """Follow the surface seen in one frame through all others, forwards and backwards.
+
+    Args:
+        views: of every frame.
+        reference: number of the frame to start from.
+        intrinsics: pixels_from_camera.
+        diagonal: of the subject's box, metres.
+        progress: told how many frames of how many are done.
+    """
+    unit = diagonal / 2
+    start = views[reference]
+    graph = build_graph(start.vertices / unit, start.faces, settings.radius)
+    model = Model(start.vertices / unit, start.normals, graph, unit)
+    motions: dict[int, Motion] = {reference: at_rest(graph)}
+    done = 0
+    for order in (range(reference + 1, len(views)), range(reference - 1, -1, -1)):
+        previous = current = motions[reference]
+        for frame in order:
+            guess = predict(previous, current, settings.momentum)
+            previous, current = (
+                current,
+                fit_frame(model, guess, views[frame], intrinsics, settings, seed=frame),
+            )
+            motions[frame] = current
+            done += 1
+            progress(done, len(views) - 1)
+    ordered = [motions[frame] for frame in range(len(views))]
+    return judge(model, ordered, views, reference, intrinsics)
+
+
+def predict(previous: Motion, current: Motion, momentum: float) -> Motion:
+    """Guess the next frame's motion: on as before, but less."""
+    turn = current.rotations @ np.swapaxes(previous.rotations, 1, 2)
+    ahead = vectors_to_matrices(momentum * matrices_to_vectors(turn)) @ current.rotations
+    shift = current.translations - previous.translations
+    return Motion(ahead, current.translations + momentum * shift)
+
+
+def fit_frame(
+    model: Model,
+    motion: Motion,
+    view: View,
+    intrinsics: Float[np.ndarray, "3 3"],
+    settings: Settings,
+    *,
+    seed: int,
+) -> Motion:
+    """Fit the surface to one frame by Gauss-Newton steps from a first guess."""
+    rng = np.random.default_rng(seed)
+    goal, normals = view.vertices / model.unit, view.normals
+    tree = cKDTree(features(goal, normals, settings.normals))
+    for _ in range(settings.steps):
+        rows = draw(len(model.vertices), 2 * settings.queries, rng)
+        moved = warp(model.graph, motion, model.vertices[rows], rows)
+        turned = turn_normals(model.graph, motion, model.normals[rows], rows)
+        seen = is_seen(model.unit * moved, turned, view, intrinsics, slack=0.05 * model.unit)
+        rows, moved, turned = rows[seen], moved[seen], turned[seen]
+        if not len(rows):
+            return motion
+        asking = features(moved, turned, settings.normals)
+        distance, nearest = tree.query(
+            asking[: settings.queries], distance_upper_bound=1.5 * settings.gate
+        )
+        from_model = np.flatnonzero(np.isfinite(distance))
+        pairs = [(rows[from_model], nearest[from_model], distance[from_model])]
+        if settings.both_ways:
+            asked = draw(len(goal), settings.queries, rng)
+            distance, nearest = cKDTree(asking).query(
+                tree.data[asked], distance_upper_bound=1.5 * settings.gate
+            )
+            found = np.isfinite(distance)
+            pairs.append((rows[nearest[found]], asked[found], distance[found]))
+        of_model, of_view, apart = (np.concatenate(part) for part in zip(*pairs, strict=True))
+        weights = robust_weights(apart**2, settings.width) * (apart < settings.gate)
+        wish = Wish(
+            of_model,
+            goal[of_view],
+            normals[of_view],
+            weights * (2500 / max(len(apart), 1)),
+            settings.share,
+        )
+        motion = gauss_newton(
+            model.graph,
+            motion,
+            model.vertices,
+            wish,
+            rigidity=settings.rigidity,
+            damping=settings.damping,
+        )
+    return motion
+
+
+def draw(count: int, wanted: int, rng: np.random.Generator) -> Int[np.ndarray, " drawn"]:
+    """Draw different numbers below a count, in random order."""
+    return rng.permutation(count)[:wanted]
+
+
+def is_seen(
+    points: Points,
+    normals: Points,
+    view: View,
+    intrinsics: Float[np.ndarray, "3 3"],
+    *,
+    slack: float,
+) -> Bool[np.ndarray, " points"]:
+    """Tell which points face the camera and have nothing of the subject before them."""
+    facing = np.einsum("pc,pc->p", points, normals) < 0.0
+    pixels = np.rint(project_points(points, intrinsics)).astype(np.int64)
+    rows = np.clip(pixels[:, 1], 0, view.depth.shape[0] - 1)
+    columns = np.clip(pixels[:, 0], 0, view.depth.shape[1] - 1)
+    before = view.depth[rows, columns]
+    hidden = (before > 0) & (-points[:, 2] > before + slack)
+    return np.asarray(facing & ~hidden)
+
+
+def judge(
+    model: Model,
+    motions: Sequence[Motion],
+    views: Sequence[View],
+    reference: int,
+    intrinsics: Float[np.ndarray, "3 3"],
+) -> Track:
+    """Gather a track, with what was seen of it and how far depth is from it in every frame."""
+    places, visible, residuals = [], [], []
+    for motion, view in zip(motions, views, strict=True):
+        moved = model.unit * warp(model.graph, motion, model.vertices, slice(None))
+        turned = turn_normals(model.graph, motion, model.normals, slice(None))
+        seen = is_seen(moved, turned, view, intrinsics, slack=0.05 * model.unit)
+        step = max(1, len(view.vertices) // 2000)
+        apart = cKDTree(moved).query(view.vertices[::step])[0]
+        places.append(moved)
+        visible.append(seen)
+        residuals.append(float(apart.mean()))
+    rotations = np.stack([motion.rotations for motion in motions])
+    translations = np.stack([motion.translations for motion in motions])
+    return Track(
+        reference,
+        model.graph,
+        Motion(rotations, translations),
+        np.stack(places),
+        np.stack(visible),
+        np.array(residuals),
+    )
