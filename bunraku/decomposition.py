@@ -173,7 +173,7 @@ def joint_paths(
 
     Paper: a sum over the ring; it must be the mean. A joint without a ring moves with its bone.
     """
-    alone = ~rings.any(axis=1)
+    alone = rings.sum(axis=1) == 0
     share = rings / np.maximum(rings.sum(axis=1, keepdims=True), 1)
     affine = np.concatenate([rotations, shifts[..., None]], axis=-1)
     points = np.column_stack([rest, np.ones(len(rest))])

@@ -55,9 +55,8 @@ def view_subject(video: DepthVideo) -> Subject:
             f"shows its subject in {len(views)} of {len(masks)} frames; a motion needs at least "
             "two: record more frames"
         )
-    warnings = ()
-    if lost:
-        warnings = (f"the subject is out of sight in {lost} of {len(masks)} frames: bridged",)
+    bridged = f"the subject is out of sight in {lost} of {len(masks)} frames: bridged"
+    warnings = (bridged,) if lost else ()
     return Subject(tuple(views), np.array(times) - times[0], diagonal, warnings)
 
 

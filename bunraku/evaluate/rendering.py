@@ -10,10 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 from igl.embree import line_mesh_intersection
 from jaxtyping import Bool, Float, Int
+from scipy.ndimage import distance_transform_edt
 
 from bunraku.depth.projection import pixel_rays, project_points
+from bunraku.evaluate.families import play_at
 from bunraku.meshes import face_normals, interpolate
 from bunraku.rotations import vectors_to_matrices
+from bunraku.types import Character, Clip, DepthVideo
 
 Points = Float[np.ndarray, "vertices 3"]
 Depth = Float[np.ndarray, "rows columns"]
@@ -149,3 +152,57 @@ def vertex_visibility(
     inside = ((pixels >= 0) & (pixels < depth.shape[::-1])).all(axis=1)
     seen = depth[np.where(inside, pixels[:, 1], 0), np.where(inside, pixels[:, 0], 0)]
     return np.asarray(inside & (seen > 0) & (-places[:, 2] < seen + slack))
+
+
+@dataclass(frozen=True, eq=False)
+class Film:
+    """A character filmed by a depth camera, and what truly happened, in the camera's frame."""
+
+    video: DepthVideo
+    places: Float[np.ndarray, "frames vertices 3"]
+    faces: Int[np.ndarray, "faces 3"]
+
+
+def film_character(
+    character: Character,
+    clip: Clip,
+    *,
+    turn: float,
+    most_frames: int = 45,
+    fps: float = 30.0,
+    sensor: Sensor | None = None,
+) -> Film:
+    """Film the beginning of a clip.
+
+    Args:
+        turn: degrees about the vertical by which the camera stands to the subject's left.
+        most_frames: longer clips are cut.
+        sensor: how the camera errs; None for the camera of the tables.
+    """
+    length = float(clip.times[-1] - clip.times[0])
+    count = max(2, min(most_frames, int(length * fps) + 1))
+    moments = np.minimum(np.arange(count) / fps, length) / max(length, 1e-9)
+    places, _ = view_from(play_at(character, clip, moments), turn)
+    intrinsics, rng = default_intrinsics(), np.random.default_rng(0)
+    depths = []
+    for place in places:
+        depth, face, _ = render_depth(place, character.mesh.faces, intrinsics)
+        cosine = ray_cosines(place, character.mesh.faces, face, intrinsics)
+        depths.append(spoil_depth(depth, cosine, sensor or Sensor(), rng).astype(np.float32))
+    video = DepthVideo(clip.name, np.arange(count) / fps, np.stack(depths), intrinsics)
+    return Film(video, places, character.mesh.faces)
+
+
+def true_paths(
+    film: Film, frame: int, pixels: Int[np.ndarray, "vertices 2"]
+) -> Float[np.ndarray, "frames vertices 3"]:
+    """Follow the surface points that pixels of one frame show through all frames, truly.
+
+    Args:
+        pixels: row and column each; one beside the subject stands for the nearest on it.
+    """
+    _, face, shares = render_depth(film.places[frame], film.faces, film.video.intrinsics)
+    nearest = distance_transform_edt(face < 0, return_distances=False, return_indices=True)
+    rows, columns = nearest[:, pixels[:, 0], pixels[:, 1]]
+    corners, share = film.faces[face[rows, columns]], shares[rows, columns]
+    return np.stack([interpolate(places, corners, share) for places in film.places])

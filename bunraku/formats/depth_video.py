@@ -30,7 +30,7 @@ def is_depth_folder(path: Location) -> bool:
 
 def frame_files(folder: Path) -> dict[int, Path]:
     """List the frames by number, in order."""
-    numbered = {}
+    numbered: dict[int, Path] = {}
     for file in folder.glob("*.[pP][nN][gG]"):
         digits = re.findall(r"\d+", file.stem)
         if digits:
