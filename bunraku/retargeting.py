@@ -89,6 +89,30 @@ def plan_retarget(
     return replace(plan, places=reposed.places + shift, scale=scale)
 
 
+def plan_embedded(
+    source: Skeleton,
+    joints: Float[np.ndarray, "joints 3"],
+    turns: Float[np.ndarray, "joints 3 3"],
+    heading: Float[np.ndarray, "3 3"],
+    scale: float,
+) -> Retarget:
+    """Plan for a figure that a skeleton was embedded in: its bones turn back to the source's rest.
+
+    Args:
+        source: the performer's skeleton.
+        joints: their places in the figure as found.
+        turns: of each joint from the source's rest to the figure, before the heading.
+        heading: turn of the performer as a whole.
+        scale: figure to performer.
+    """
+    places = joints.copy()
+    for joint, parent in enumerate(source.parents):
+        if parent != NO_PARENT:
+            bone = joints[joint] - joints[parent]
+            places[joint] = places[parent] + turns[parent].T @ heading.T @ bone
+    return Retarget(source, places, source.parents, scale, heading)
+
+
 def way_home(
     found: Float[np.ndarray, "vertices 3"],
     rested: Float[np.ndarray, "vertices 3"],

@@ -101,7 +101,7 @@ def find_tasks(
     for parent, paths in rigged_files(folder).items():
         family = parent.relative_to(folder).as_posix()
         for path, member in read_members(paths).items():
-            if not len(member.character.mesh.faces):
+            if not len(member.character.mesh.faces):  # bones alone
                 continue
             clips = {n: c for n, c in plain_names(member.character.clips).items() if moves(c)}
             chosen = sorted(clips) if names else spread(sorted(clips), clip_count)

@@ -8,7 +8,7 @@ hundred nodes: a dense Cholesky factor takes less time than a sparse or banded o
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra
@@ -18,6 +18,7 @@ from bunraku.graphs import adjacency, edge_lengths, mesh_edges
 from bunraku.rotations import vectors_to_matrices
 
 INFLUENCES, NEIGHBOURS = 4, 8  # nodes of a vertex, neighbours of a node (Sec. 3.1)
+BRIDGE = 4  # nodes on each side of a bridge between parts that do not touch
 Points = Float[np.ndarray, "points 3"]
 
 
@@ -104,11 +105,22 @@ def tie_nodes(
         smallest = int(np.bincount(part).argmin())
         inside, outside = np.flatnonzero(part == smallest), np.flatnonzero(part != smallest)
         distance, other = cKDTree(nodes[outside]).query(nodes[inside])
-        for near in np.argsort(distance)[:2]:
-            first, second = inside[near], outside[other[near]]
-            ties[first, second] = ties[second, first] = True
+        near = int(distance.argmin())
+        first, second = int(inside[near]), int(outside[other[near]])
+        around = [around_node(nodes, ties, node) for node in (first, second)]
+        ties[np.ix_(*around)] = True
+        ties[np.ix_(*around[::-1])] = True
         parts, part = connected_components(csr_array(ties), directed=False)
     return np.argwhere(ties).astype(np.int64)
+
+
+def around_node(
+    nodes: Float[np.ndarray, "nodes 3"], ties: Bool[np.ndarray, "nodes nodes"], node: int
+) -> Int[np.ndarray, " few"]:
+    """Give a node and the nearest BRIDGE - 1 that it is tied to."""
+    tied = np.flatnonzero(ties[node])
+    away = np.linalg.norm(nodes[tied] - nodes[node], axis=1)
+    return np.concatenate([[node], tied[np.argsort(away)][: BRIDGE - 1]])
 
 
 def at_rest(graph: Graph) -> Motion:

@@ -15,15 +15,19 @@ from threadpoolctl import threadpool_limits
 from bunraku.bones import Bones, make_bones, split_curves
 from bunraku.curves import CurveSkeleton, extract_curves
 from bunraku.decomposition import decompose, fit_weights, joint_paths, neighbourhood
-from bunraku.depth.closing import close_performer
 from bunraku.depth.meshing import View
 from bunraku.depth.performer import build_performer, standing_place, view_subject
+from bunraku.embedding import Embedding, embed, spread_weights
+from bunraku.proxy import Proxy, build_proxy, lift_weights
 from bunraku.registration.tracking import Settings, Track, track
-from bunraku.routes.from_rig import RigTransfer, animate_from_rig
+from bunraku.retargeting import plan_embedded, retarget_clip, skeleton_of, turned_frames
+from bunraku.rotations import invert_rigid
 from bunraku.routes.timing import Stopwatch
-from bunraku.types import Character, DepthVideo, Mesh
+from bunraku.skinning import keep_influences
+from bunraku.types import Character, DepthVideo, MatchError, Mesh, Skin
 
 logger = logging.getLogger(__name__)
+MOST_MISFIT = 1.0
 SAMPLES = 1500  # vertices that bone motions are fitted to
 
 
@@ -94,9 +98,22 @@ def report_progress(done: int, count: int) -> None:
     logger.info("tracking %d/%d", done, count)
 
 
+@dataclass(frozen=True, eq=False)
+class DepthTransfer:
+    """Every stage of moving a figure, in its own place and metres."""
+
+    target_proxy: Proxy
+    embedding: Embedding
+    character: Character  # the figure as found, bound, with the captured clip
+    confidence: float  # 0 to 1
+    warnings: tuple[str, ...]
+    seconds: dict[str, float]
+
+
+@threadpool_limits.wrap(limits=1)  # type: ignore[untyped-decorator]
 def animate_from_depth(
     capture: Capture, figure: Mesh, *, seed: int = 0, force: bool = False
-) -> RigTransfer:
+) -> DepthTransfer:
     """Give a figure the skeleton and the motion of a captured performer.
 
     Args:
@@ -108,5 +125,30 @@ def animate_from_depth(
     Raises:
         MatchError: if the figure cannot be matched to the performer well enough.
     """
-    body = close_performer(capture.character, capture.curves.owners, capture.eye)
-    return animate_from_rig(body, figure, seed=seed, force=force)
+    watch = Stopwatch()
+    watch.begin("proxy")
+    target = build_proxy(figure.vertices, figure.faces)
+
+    watch.begin("embedding")
+    performer, source = capture.character, capture.character.skeleton
+    embedding = embed(performer, capture.bones, target.mesh)
+    if embedding.misfit > MOST_MISFIT and not force:
+        raise MatchError(
+            f"the figure does not fit the performer (misfit {embedding.misfit:.2f}, wanted at most "
+            f"{MOST_MISFIT}); film a creature of the same kind, or --force"
+        )
+
+    watch.begin("skin")
+    on_proxy, _ = spread_weights(performer, embedding, target.mesh)
+    weights = keep_influences(lift_weights(target, on_proxy, figure.vertices, figure.faces))
+
+    watch.begin("retargeting")
+    heading, turns = embedding.heading, embedding.turns
+    plan = plan_embedded(source, embedding.joints, turns, heading, embedding.scale)
+    bind = turned_frames(source, embedding.joints, heading @ turns)
+    clips = tuple(retarget_clip(clip, plan) for clip in performer.clips)
+    skin = Skin(weights, invert_rigid(bind))
+    return DepthTransfer(
+        *(target, embedding, Character(figure, skeleton_of(source, bind), skin, clips)),
+        *(1.0, (), watch.end()),
+    )
