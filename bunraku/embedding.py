@@ -14,7 +14,7 @@ from scipy.sparse import diags
 from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
-from bunraku.bones import Bones
+from bunraku.bones.splitting import Bones
 from bunraku.meshes import (
     closest_points,
     farthest_points,
@@ -83,7 +83,7 @@ def embed(performer: Character, bones: Bones, figure: Mesh) -> Embedding:
     starts = [align(puppet, surface, turn) for turn in heading_turns(HEADINGS)]
     starts.sort(key=lambda found: seen_misfit(puppet, start_pose(puppet, found), surface))
     fits = [(found, fit_bones(puppet, found, surface)) for found in starts[:KEPT]]
-    found, pose = min(fits, key=lambda fit: doubt(puppet, *fit, surface))
+    found, pose = min(fits, key=lambda fit: doubt(puppet, fit[0], fit[1], surface))
     turns, _, anchors = pose.world(puppet)
     moved, normals = move_puppet(puppet, pose)
     met = nearness(moved, normals, surface) > 0.5

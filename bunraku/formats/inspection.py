@@ -10,13 +10,14 @@ from jaxtyping import Bool, Float, Int
 
 from bunraku.formats import gltf
 from bunraku.formats.axes import guess_up, world_from_axes
+from bunraku.formats.depth_video import frame_files, is_depth_folder, read_depth
 from bunraku.formats.files import Location, read_bytes
 from bunraku.formats.meshes import merge_pieces, read_pieces
 from bunraku.formats.reading import read_motion
 from bunraku.formats.sniffing import sniff
 from bunraku.meshes import connected_parts, face_normals, referenced, weld
 from bunraku.skinning import forward_kinematics
-from bunraku.types import NO_PARENT, FormatError, Mesh
+from bunraku.types import NO_PARENT, DepthVideo, FormatError, Mesh
 
 NOTE, WARNING = "note", "warning"
 
@@ -67,6 +68,10 @@ class Inspection:
     clips: tuple[ClipSummary, ...] = ()
     extensions_used: tuple[str, ...] = ()
     extensions_required: tuple[str, ...] = ()
+    pixels: tuple[int, int] = (0, 0)  # width and height of depth frames
+    view_degrees: tuple[float, float] = (0.0, 0.0)  # of the depth camera, across and along
+    depth_metres: tuple[float, float] = (0.0, 0.0)  # nearest and farthest, outermost 1 % left out
+    masked: bool = False  # the subject's pixels are told
     faults: tuple[Fault, ...] = ()
 
 
@@ -139,16 +144,54 @@ def _inspect_motion(found: Inspection) -> Inspection:
 
 
 def _inspect_folder(path: Location) -> Inspection:
-    """Say what a folder of depth frames holds, by its names only."""
-    frames = sorted(Path(path).glob("*.png"))
-    if not frames or not (Path(path) / "intrinsics.json").is_file():
+    """Read a folder of depth frames whole, and say what it holds."""
+    if not is_depth_folder(path):
         raise FormatError(
             path, "", "is a folder without NNNN.png frames and intrinsics.json; give a file"
         )
-    fault = Fault("not-read", "", "depth frames are counted, not read", NOTE)
-    size = sum(frame.stat().st_size for frame in frames)
-    video = ClipSummary(Path(path).name, 0.0, len(frames))
-    return Inspection(os.fspath(path), "depth", "folder", size, clips=(video,), faults=(fault,))
+    video = read_depth(path)
+    rows, columns = video.depths.shape[1:]
+    known = video.depths > 0
+    size = sum(frame.stat().st_size for frame in frame_files(Path(path)).values())
+    seconds = float(video.times[-1] - video.times[0])
+    focal = video.intrinsics[[0, 1], [0, 1]]
+    across, along = np.degrees(2 * np.arctan(np.array([columns, rows]) / 2 / focal)).tolist()
+    near, far = np.percentile(video.depths[known], [1, 99]).tolist() if known.any() else (0.0, 0.0)
+    return Inspection(
+        os.fspath(path),
+        "depth",
+        "folder",
+        size,
+        clips=(ClipSummary(Path(path).name, seconds, len(video.times)),),
+        pixels=(columns, rows),
+        view_degrees=(across, along),
+        depth_metres=(near, far),
+        masked=video.masks is not None,
+        faults=tuple(_find_depth_faults(video)),
+    )
+
+
+def _find_depth_faults(video: DepthVideo) -> Iterator[Fault]:
+    """List what is odd about a depth video."""
+    empty = ~(video.depths > 0).any(axis=(1, 2))
+    steps = np.diff(video.times)
+    gaps = int((steps > 1.5 * np.median(steps)).sum()) if len(steps) else 0
+    unseen = 0 if video.masks is None else int((~video.masks.any(axis=(1, 2))).sum())
+    odd = (
+        ("one-frame", int(len(video.times) < 2), "frame alone: no motion can be read", WARNING),
+        ("empty-frames", int(empty.sum()), "frames measured nothing", WARNING),
+        ("empty-masks", unseen, "masks are empty: the subject is out of sight", WARNING),
+        ("gaps", gaps, "gaps in the numbering: taken as pauses", NOTE),
+        (
+            "far",
+            int((video.depths > 20).any()),
+            "depth beyond 20 m: is depth_scale right?",
+            WARNING,
+        ),
+    )
+    for code, count, message, severity in odd:
+        if count:
+            yield Fault(code, "", f"{count} {message}", severity)
 
 
 def _extent(points: Float[np.ndarray, "points 3"]) -> tuple[float, float, float]:

@@ -12,11 +12,12 @@ import numpy as np
 from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
-from bunraku.bones import Bones, make_bones, split_curves
+from bunraku.bones.decomposition import decompose, fit_weights, joint_paths, neighbourhood
+from bunraku.bones.performer import build_performer, standing_place
+from bunraku.bones.splitting import Bones, make_bones, split_curves
 from bunraku.curves import CurveSkeleton, extract_curves
-from bunraku.decomposition import decompose, fit_weights, joint_paths, neighbourhood
 from bunraku.depth.meshing import View
-from bunraku.depth.performer import build_performer, standing_place, view_subject
+from bunraku.depth.subject import view_subject
 from bunraku.embedding import Embedding, embed, spread_weights
 from bunraku.proxy import Proxy, build_proxy, lift_weights
 from bunraku.registration.tracking import Settings, Track, track

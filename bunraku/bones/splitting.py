@@ -31,6 +31,14 @@ class Bones:
     rings: Int[np.ndarray, " bones"]  # node of the curve skeleton at each joint
 
 
+@dataclass(frozen=True)
+class Piece:
+    """A part of a curve that moves as one: its nodes with both ends, and those it owns."""
+
+    path: tuple[int, ...]
+    own: tuple[int, ...]  # their vertices are its surface; no node has two owners
+
+
 @dataclass(frozen=True, eq=False)
 class Moments:
     """Sums over vertices from which the best rigid motion and its error follow."""
@@ -123,40 +131,59 @@ def split_curves(
     *,
     gain: float = GAIN,
     floor: float = FLOOR,
-) -> list[list[int]]:
+) -> list[Piece]:
     """Split curves where two rigid motions explain them much better than one (Eqs. 8-9).
 
-    Paper: splits until the gain is below .2. We: also until the error is below a share of the
-    diagonal, because noise alone keeps splitting.
-
-    Returns:
-        the nodes of each bone, with both ends; neighbours share an end.
+    Paper: splits until the gain is below .2, and leaves open who owns the shared node. We: also
+    until the error is below a share of the diagonal, because noise alone keeps splitting; the node
+    goes with the part behind it, a junction's with the heaviest of those that meet there.
     """
     moments = node_moments(rest, paths, skeleton.owners, len(skeleton.nodes))
     least = (floor * float(np.linalg.norm(np.ptp(rest, axis=0)))) ** 2
-    pieces = [(path, 0) for path in curves_of(skeleton)]
-    whole: list[list[int]] = []
-    while pieces:
-        path, rounds = pieces.pop(0)
-        full = len(pieces) + len(whole) + 1 >= MOST_BONES
-        at = None if full or rounds >= ROUNDS else best_split(moments, path, gain, least)
+    waiting = [(piece, 0) for piece in whole_curves(skeleton)]
+    whole: list[Piece] = []
+    while waiting:
+        piece, rounds = waiting.pop(0)
+        full = len(waiting) + len(whole) + 1 >= MOST_BONES
+        at = None if full or rounds >= ROUNDS else best_split(moments, piece.own, gain, least)
         if at is None:
-            whole.append(path)
-        else:
-            pieces += [(path[: at + 1], rounds + 1), (path[at:], rounds + 1)]
+            whole.append(piece)
+            continue
+        place = piece.path.index(piece.own[at])
+        near = Piece(piece.path[: place + 1], piece.own[:at])
+        waiting += [(near, rounds + 1), (Piece(piece.path[place:], piece.own[at:]), rounds + 1)]
     return whole
 
 
-def best_split(moments: Moments, path: list[int], gain: float, least: float) -> int | None:
+def whole_curves(skeleton: CurveSkeleton) -> list[Piece]:
+    """Make a piece of each curve; junctions belong to the curve with most vertices."""
+    curves = curves_of(skeleton)
+    owned = np.bincount(skeleton.owners, minlength=len(skeleton.nodes))
+    degree = np.bincount(skeleton.edges.ravel(), minlength=len(skeleton.nodes))
+    size = [int(owned[curve[1:-1]].sum()) for curve in curves]
+    taken: dict[int, int] = {}
+    for index in np.argsort(size):  # the heaviest last
+        for node in (curves[index][0], curves[index][-1]):
+            taken[node] = int(index)
+    return [
+        Piece(
+            tuple(curve),
+            tuple(n for n in curve if degree[n] == 2 or taken.get(n) == index),
+        )
+        for index, curve in enumerate(curves)
+    ]
+
+
+def best_split(moments: Moments, own: tuple[int, ...], gain: float, least: float) -> int | None:
     """Find the place in a curve that splits it best (Eq. 9), if it gains enough."""
-    places = range(LEAST_NODES - 1, len(path) - LEAST_NODES + 1)
+    places = range(LEAST_NODES - 1, len(own) - LEAST_NODES + 2)
     if not len(places):
         return None
-    sets = np.full((1 + 2 * len(places), len(path)), -1)
-    sets[0] = path
+    sets = np.full((1 + 2 * len(places), len(own)), -1)
+    sets[0] = own
     for row, at in enumerate(places):
-        sets[1 + 2 * row, :at] = path[:at]
-        sets[2 + 2 * row, at:] = path[at:]
+        sets[1 + 2 * row, :at] = own[:at]
+        sets[2 + 2 * row, at:] = own[at:]
     sums = sum_moments(moments, sets)
     errors = rigid_errors(sums)
     if errors[0] <= least * max(sums.count[0], 1):
@@ -169,23 +196,24 @@ def best_split(moments: Moments, path: list[int], gain: float, least: float) -> 
 
 
 def make_bones(
-    skeleton: CurveSkeleton, pieces: list[list[int]], rest: Float[np.ndarray, "vertices 3"]
+    skeleton: CurveSkeleton, pieces: list[Piece], rest: Float[np.ndarray, "vertices 3"]
 ) -> Bones:
     """Hang bones on each other, from the one that carries the middle of the surface.
 
-    A bone turns about the end at which it meets its parent; the first, about its own middle node.
+    A bone turns about the end at which it meets its parent; the first, about its middle node.
     """
-    owned = np.bincount(skeleton.owners, minlength=len(skeleton.nodes))
-    bone_of_node = assign_nodes(pieces, owned, len(skeleton.nodes))
+    bone_of_node = np.full(len(skeleton.nodes), -1)
+    for index, piece in enumerate(pieces):
+        bone_of_node[list(piece.own)] = index
     sizes = np.bincount(bone_of_node[skeleton.owners], minlength=len(pieces))
     centre = rest.mean(axis=0)
-    away = [np.linalg.norm(skeleton.nodes[p] - centre, axis=1).min() for p in pieces]
+    away = [np.linalg.norm(skeleton.nodes[list(p.path)] - centre, axis=1).min() for p in pieces]
     heavy = sizes >= 0.3 * sizes.max()
     first = int(np.where(heavy, away, np.inf).argmin())
     order, parents, starts = hang(pieces, first)
     joints, tips, rings = [], [], []
     for bone in order:
-        path, start = pieces[bone], starts[bone]
+        path, start = list(pieces[bone].path), starts[bone]
         middle = path[int(np.linalg.norm(skeleton.nodes[path] - centre, axis=1).argmin())]
         ring = middle if start is None else start
         tip = path[-1] if start is None or start == path[0] else path[0]
@@ -202,32 +230,18 @@ def make_bones(
     )
 
 
-def assign_nodes(
-    pieces: list[list[int]], owned: Int[np.ndarray, " nodes"], count: int
-) -> Int[np.ndarray, " nodes"]:
-    """Give each node a bone: its only one, or the heaviest of those that meet in it."""
-    inner = [int(owned[path[1:-1]].sum()) for path in pieces]
-    bone = np.full(count, -1)
-    for index in np.argsort(inner):  # the heaviest last
-        bone[pieces[index]] = index
-    for index, path in enumerate(pieces):  # a bone keeps at least what is its alone
-        bone[path[1:-1]] = index
-    bone[bone < 0] = int(np.argmax(inner))
-    return bone
-
-
 def hang(
-    pieces: list[list[int]], first: int
+    pieces: list[Piece], first: int
 ) -> tuple[list[int], dict[int, int], dict[int, int | None]]:
     """Order bones from the first outwards: order, parent, and node where each meets its parent."""
     meeting: dict[int, list[int]] = {}
-    for index, path in enumerate(pieces):
-        for node in (path[0], path[-1]):
+    for index, piece in enumerate(pieces):
+        for node in (piece.path[0], piece.path[-1]):
             meeting.setdefault(node, []).append(index)
     order, parents = [first], {first: -1}
     starts: dict[int, int | None] = {first: None}
     for bone in order:  # grows while it is read
-        for node in (pieces[bone][0], pieces[bone][-1]):
+        for node in (pieces[bone].path[0], pieces[bone].path[-1]):
             if node == starts[bone]:
                 continue
             for other in meeting[node]:

@@ -7,7 +7,7 @@ and keeping them (Transfer4D, Sec. 4.4, Eqs. 10-13).
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from bunraku.bones import fit_rigid
+from bunraku.bones.splitting import fit_rigid
 from bunraku.rotations import nearest_rotation
 
 INFLUENCES = 4
