@@ -3,10 +3,13 @@ import pytest
 
 from bunraku.bones.decomposition import decompose, joint_paths, neighbourhood, project_on_simplex
 from bunraku.bones.splitting import (
+    Bones,
+    Piece,
     best_split,
     curves_of,
     fit_rigid,
     make_bones,
+    merge_bones,
     node_moments,
     rigid_errors,
     split_curves,
@@ -65,6 +68,24 @@ def test_bones_hang_together_parents_first(finger):
     assert bones.parents.tolist() == [-1, 0]
     assert sorted(np.unique(bones.owners)) == [0, 1]
     assert abs(bones.joints[1, 0] - 1.05) < 0.1
+
+
+def test_bones_that_move_alike_or_have_no_surface_go_to_their_parents(finger):
+    skeleton, rest, paths = finger
+    pieces = [
+        Piece(tuple(range(6)), tuple(range(6))),
+        Piece(tuple(range(5, 12)), tuple(range(6, 11))),
+        Piece(tuple(range(11, 21)), tuple(range(11, 21))),
+    ]
+    bones = make_bones(skeleton, pieces, rest)
+    assert len(bones.parents) == 3
+    merged = merge_bones(bones, rest, paths)
+    assert merged.parents.tolist() == [-1, 0]
+    assert (np.bincount(merged.owners) == [11 * 12, 10 * 12]).all()
+    few = Bones(bones.joints, bones.tips, bones.parents, np.minimum(bones.owners, 1), bones.rings)
+    assert len(merge_bones(few, rest, paths).parents) == 2
+    still = np.tile(rest, (6, 1, 1))
+    assert len(merge_bones(bones, rest, still).parents) == 1
 
 
 def test_curves_end_at_terminals_and_junctions():

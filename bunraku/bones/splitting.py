@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from bunraku.curves import CurveSkeleton
+from bunraku.meshes import sum_rows
 from bunraku.rotations import nearest_rotation
 
 Paths = Float[np.ndarray, "frames vertices 3"]
@@ -17,6 +18,7 @@ GAIN = 0.2  # least relative gain of a split (eps_split)
 ROUNDS = 3  # of splitting each curve
 MOST_BONES, FEWEST = 30, 10  # bones in all; vertices of a bone
 FLOOR = 0.005  # of the diagonal: a bone whose surface errs less is whole
+MERGING = 0.1  # least relative gain of keeping a bone apart from its parent
 LEAST_NODES = 3  # of a bone
 
 
@@ -58,29 +60,21 @@ def node_moments(
     count: int,
 ) -> Moments:
     """Sum up the moments of the vertices of each node."""
-    frames = len(paths)
-    moved = paths.transpose(1, 0, 2)
-    columns = [
-        np.ones((len(rest), 1)),
+    moved = np.ascontiguousarray(paths.transpose(1, 0, 2))
+    each = Moments(
+        np.ones(len(rest)),
         rest,
-        (rest**2).sum(axis=1, keepdims=True),
-        moved.reshape(len(rest), -1),
+        (rest**2).sum(axis=1),
+        moved,
         (moved**2).sum(axis=-1),
-        np.einsum("vfa,vb->vfab", moved, rest).reshape(len(rest), -1),
-    ]
-    sums = []
-    for column in columns:
-        total = np.zeros((count, column.shape[1]))
-        np.add.at(total, owners, column)
-        sums.append(total)
-    return Moments(
-        sums[0][:, 0],
-        sums[1],
-        sums[2][:, 0],
-        sums[3].reshape(count, frames, 3),
-        sums[4],
-        sums[5].reshape(count, frames, 3, 3),
+        np.einsum("vfa,vb->vfab", moved, rest),
     )
+    return gather_moments(each, owners, count)
+
+
+def gather_moments(moments: Moments, owners: Int[np.ndarray, " sets"], count: int) -> Moments:
+    """Sum up the moments of sets that have the same owner."""
+    return Moments(*(sum_rows(owners, part, count) for part in vars(moments).values()))
 
 
 def sum_moments(moments: Moments, chosen: Int[np.ndarray, "sets nodes"]) -> Moments:
@@ -227,6 +221,58 @@ def make_bones(
         np.array([-1 if p < 0 else place[p] for p in (parents[bone] for bone in order)], np.int64),
         place[bone_of_node[skeleton.owners]],
         np.array(rings, np.int64),
+    )
+
+
+def merge_bones(
+    bones: Bones,
+    rest: Float[np.ndarray, "vertices 3"],
+    paths: Paths,
+    *,
+    gain: float = MERGING,
+    floor: float = FLOOR,
+) -> Bones:
+    """Give bones that move as their parents do, and those with hardly any surface, to the parents.
+
+    The most alike go first. The other side of splitting, which sees one curve at a time.
+    """
+    least = (floor * float(np.linalg.norm(np.ptp(rest, axis=0)))) ** 2
+    first, owner = node_moments(rest, paths, bones.owners, len(bones.parents)), bones.owners
+    while len(bones.parents) > 1:
+        count = len(bones.parents)
+        now = np.zeros(len(first.count), np.int64)
+        now[owner] = bones.owners
+        moments = gather_moments(first, now, count)
+        single = np.column_stack([np.arange(count), np.full(count, -1)])
+        paired = np.column_stack([np.arange(count), bones.parents])[1:]
+        errors = rigid_errors(sum_moments(moments, np.concatenate([single, paired])))
+        sizes = moments.count
+        both = errors[1:count] + errors[bones.parents[1:]]
+        together, size = errors[count:], sizes[1:] + sizes[bones.parents[1:]]
+        apart = 1 - both / np.maximum(together, 1e-30)
+        apart[together <= least * size] = -1.0
+        apart[sizes[1:] < FEWEST] = -2.0
+        child = 1 + int(apart.argmin())
+        if apart[child - 1] >= gain and count <= MOST_BONES:
+            return bones
+        bones = without_bone(bones, child)
+    return bones
+
+
+def without_bone(bones: Bones, child: int) -> Bones:
+    """Give a bone's surface and children to its parent."""
+    parent = int(bones.parents[child])
+    kept = np.delete(np.arange(len(bones.parents)), child)
+    number = np.empty(len(bones.parents), np.int64)
+    number[kept] = np.arange(len(kept))
+    number[child] = number[parent]
+    above = np.where(bones.parents == child, parent, bones.parents)[kept]
+    return Bones(
+        bones.joints[kept],
+        bones.tips[kept],
+        np.where(above < 0, -1, number[above]),
+        number[bones.owners],
+        bones.rings[kept],
     )
 
 

@@ -15,6 +15,7 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
 
 from bunraku.graphs import adjacency, edge_lengths, mesh_edges
+from bunraku.meshes import sum_rows
 from bunraku.rotations import vectors_to_matrices
 
 INFLUENCES, NEIGHBOURS = 4, 8  # nodes of a vertex, neighbours of a node (Sec. 3.1)
@@ -281,12 +282,3 @@ def add_blocks(
     cells, place = np.unique(cell.ravel(), return_inverse=True)
     sums = sum_rows(place, parts.reshape(-1, 36), len(cells)).reshape(-1, 6, 6)
     blocks[cells // count, cells % count] += sums
-
-
-def sum_rows(
-    place: Int[np.ndarray, " rows"], values: Float[np.ndarray, "rows columns"], count: int
-) -> Float[np.ndarray, "count columns"]:
-    """Add up the rows that go to the same place."""
-    ones = csr_array((np.ones(len(place)), place, np.arange(len(place) + 1)), (len(place), count))
-    summed: np.ndarray = ones.T @ values
-    return summed

@@ -37,7 +37,7 @@ class Settings:
 
     radius: float = 0.07  # of the graph's nodes (sigma)
     steps: int = 8
-    queries: int = 1500  # samples of each side that ask for their nearest, in each step
+    queries: int = 800  # samples of each side that ask for their nearest, in each step
     normals: float = 0.15  # of a unit of normal, in the search
     gate: float = 0.25  # pairs farther apart are dropped
     width: float = 0.1  # of the robust weight

@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from bunraku.bones.decomposition import decompose, fit_weights, joint_paths, neighbourhood
 from bunraku.bones.performer import build_performer, standing_place
-from bunraku.bones.splitting import Bones, make_bones, split_curves
+from bunraku.bones.splitting import Bones, make_bones, merge_bones, split_curves
 from bunraku.curves import CurveSkeleton, extract_curves
 from bunraku.depth.meshing import View
 from bunraku.depth.subject import view_subject
@@ -79,6 +79,7 @@ def capture_performer(video: DepthVideo, *, settings: Settings | None = None) ->
     watch.begin("skeleton")
     curves = extract_curves(rest, faces)
     bones = make_bones(curves, split_curves(curves, rest, paths), rest)
+    bones = merge_bones(bones, rest, paths)
 
     watch.begin("skin")
     few = np.random.default_rng(0).permutation(len(rest))[:SAMPLES]

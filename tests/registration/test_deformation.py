@@ -8,7 +8,6 @@ from bunraku.registration.deformation import (
     at_rest,
     build_graph,
     gauss_newton,
-    sum_rows,
     turn_normals,
     warp,
 )
@@ -136,10 +135,3 @@ def test_one_step_is_the_least_squares_solution_of_the_linearised_energy(rng):
     found = gauss_newton(graph, at_rest(graph), vertices, wish, rigidity=rigidity, damping=damping)
     np.testing.assert_allclose(found.translations, expected.translations, atol=1e-6)
     np.testing.assert_allclose(found.rotations, expected.rotations, atol=1e-6)
-
-
-def test_rows_are_summed_by_place(rng):
-    place, values = np.array([2, 0, 2, 2]), rng.normal(size=(4, 5))
-    sums = sum_rows(place, values, 3)
-    np.testing.assert_allclose(sums[2], values[[0, 2, 3]].sum(axis=0))
-    np.testing.assert_allclose(sums[1], 0.0)
