@@ -24,7 +24,7 @@ from bunraku.meshes import vertex_normals, weld
 VERTICES = 1600  # of the surface that separators are sought on
 GROW = 64  # of the multi-scale search: larger is coarser
 SHORTEST = 3  # nodes of a branch (Sec. 4.2)
-LONG = 1.0  # a branch is kept if it is longer than this, in radii of its junction
+LONG = 1.5  # a branch is kept if it is longer than this, in radii of its junction
 Tree = dict[int, set[int]]
 
 
@@ -184,8 +184,10 @@ def spurious_branches(
             continue  # the whole tree is one curve
         length = float(np.linalg.norm(np.diff(nodes[path], axis=0), axis=1).sum())
         length += radius[leaf] / 2
+        # the junction itself may own nothing: the rings around it tell how thick the body is
+        thick = radius[[path[-1], *tree[path[-1]]]].max()
         few = len(path) - 1 < SHORTEST
-        if length < (2.0 if few else 1.0) * LONG * radius[path[-1]]:
+        if length < (2.0 if few else 1.0) * LONG * thick:
             found.append((length, path))
     return found
 

@@ -47,35 +47,41 @@ def has_scene(known: Masks) -> bool:
 
 
 def main_piece(depth: Depth, mask: Mask, *, prefer: Mask | None = None) -> Mask:
-    """Keep the largest connected piece of a mask, weighed by how much of it is preferred."""
-    labels, count = ndimage.label(connected(depth, mask), np.ones((3, 3)))
-    if not count:
-        return np.zeros_like(mask)
+    """Keep the largest connected piece of a mask; before a scene, the one that moves most.
+
+    Args:
+        depth: metres.
+        mask: pixels that may be the subject's.
+        prefer: pixels that move; None if there is no scene to tell the subject from.
+    """
+    whole = mask if prefer is None else mask & ~edge_pixels(depth, mask)
+    labels, count = ndimage.label(whole, np.ones((3, 3)))
     sizes = np.bincount(labels.ravel(), minlength=count + 1).astype(np.float64)
     sizes[0] = 0.0
     scores = sizes.copy()
     if prefer is not None:
         moved = np.bincount(labels.ravel(), prefer.ravel(), minlength=count + 1)
-        scores = scores * (0.02 + moved / np.maximum(sizes, 1))
+        scores *= 0.02 + moved / np.maximum(sizes, 1)
     chosen = int(scores.argmax())
     if sizes[chosen] < FEWEST:
         return np.zeros_like(mask)
-    near = np.abs(depth - np.median(depth[labels == chosen])) < 2 * JUMP * depth
-    alike = (sizes >= 0.01 * sizes[chosen]) & (sizes > 20)
-    if prefer is None:  # limbs cut off by holes belong to it
-        return np.asarray(mask & (alike[labels] & near | (labels == chosen)))
-    return np.asarray(labels == chosen)
+    piece = labels == chosen
+    near = mask & (np.abs(depth - np.median(depth[piece])) < 2 * JUMP * depth)
+    if prefer is not None:
+        return np.asarray(piece | near & ndimage.binary_dilation(piece))
+    large = sizes >= max(20.0, 0.01 * sizes[chosen])  # limbs that holes cut off belong to it
+    return np.asarray(piece | near & large[labels])
 
 
-def connected(depth: Depth, mask: Mask) -> Mask:
-    """Take away the pixels of a mask at which the depth jumps to the right or below."""
-    jump = np.zeros_like(mask)
+def edge_pixels(depth: Depth, mask: Mask) -> Mask:
+    """Mark the pixels of a mask at which the depth jumps to the next one, right or below."""
+    edge = np.zeros_like(mask)
     for axis in (0, 1):
-        apart = np.abs(np.diff(depth, axis=axis))
-        least = np.minimum(np.delete(depth, -1, axis), np.delete(depth, 0, axis))
-        cut = np.pad(apart > JUMP * least, [(0, int(axis == 0)), (0, int(axis == 1))])
-        jump |= cut
-    return mask & ~jump | mask & ~ndimage.binary_dilation(jump)
+        after, before = np.delete(depth, 0, axis), np.delete(depth, -1, axis)
+        both = np.delete(mask, 0, axis) & np.delete(mask, -1, axis)
+        cut = both & (np.abs(after - before) > JUMP * np.minimum(after, before))
+        edge |= np.pad(cut, [(0, int(axis == 0)), (0, int(axis == 1))])
+    return edge
 
 
 def stand_out(video: DepthVideo, known: Masks) -> tuple[Masks, Masks]:
@@ -135,7 +141,8 @@ def best_plane(
     chosen = points[rng.integers(len(points), size=min(3000, len(points)))]
     corners = chosen[rng.integers(len(chosen), size=(tries, 3))]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    areas = np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = np.where(areas > 1e-9, normals / np.maximum(areas, 1e-9), np.nan)  # nan: no plane
     offsets = np.einsum("tc,tc->t", normals, corners[:, 0])
     away = np.abs(chosen @ normals.T - offsets) < 0.01 * np.abs(chosen[:, 2:])
     best = int(away.sum(axis=0).argmax())
