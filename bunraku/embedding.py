@@ -40,6 +40,7 @@ HEADINGS, KEPT = 8, 3  # turns about the vertical that are tried; that are fitte
 WIDTHS = np.geomspace(0.3, 0.06, 24)  # of the robust weight, while aligning as a whole
 SEEN_SHARE = 0.5  # of a body's surface, seen from one side
 NEAR = 0.03  # distance at which surfaces count as one, in units of sqrt(area)
+MOST_MISFIT, DOUBTED = 1.0, 0.5  # refused; half believed
 STAGES = (
     Stage(6, 500, 0.1, 0.2, 0.5, 1e-2, 3e-2),
     Stage(8, 700, 0.1, 0.12, 0.3, 2e-3, 1e-2),
@@ -67,6 +68,23 @@ class Embedding:
     scale: float  # figure to performer
     misfit: float  # 0 perfect, 2 nowhere near
     matched: Float[np.ndarray, " bones"]  # share of each bone's surface that met the figure
+
+    @property
+    def confidence(self) -> float:
+        """Turn the misfit into a confidence: one half at the misfit that is doubted."""
+        return float(1.0 / (1.0 + (self.misfit / DOUBTED) ** 4))
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Say which bones found no place on the figure, and whether the whole fits poorly."""
+        told = []
+        lost = [f"bone{bone:02d}" for bone in np.flatnonzero(self.matched < 0.5)]
+        if lost:
+            told.append(f"no place on the figure was found for {', '.join(lost)}")
+        if self.misfit > DOUBTED:
+            fit = f"misfit {self.misfit:.2f}, confidence {self.confidence:.2f}"
+            told.append(f"the figure fits the performer poorly ({fit}): look at the result")
+        return tuple(told)
 
 
 def embed(performer: Character, bones: Bones, figure: Mesh) -> Embedding:

@@ -4,11 +4,15 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from bunraku.bones.splitting import Bones
+from bunraku.registration.tracking import Track
 from bunraku.rotations import compose_transforms, matrices_to_quaternions
 from bunraku.skinning import local_transforms
 from bunraku.types import Character, Clip, Mesh, Skeleton, Skin
 
 CLIP = "capture"
+LOST = 0.5  # tracking error, as a share of standing still's, that is doubted
+STILL = 0.004  # of the diagonal: a subject that moves less stands still
+SEEN = 0.4  # share of its surface and time, below which a bone was not seen
 
 
 def build_performer(
@@ -52,3 +56,22 @@ def standing_place(rest: Float[np.ndarray, "vertices 3"]) -> Float[np.ndarray, "
     low, high = np.percentile(rest, [1, 99], axis=0)
     middle = (low + high) / 2
     return np.array([middle[0], float(rest[:, 1].min()), middle[2]])
+
+
+def track_doubts(followed: Track, bones: Bones, diagonal: float) -> tuple[str, ...]:
+    """Say what a person should look at: a subject that was lost, limbs that were hardly seen."""
+    told = []
+    error, still = float(followed.residuals.mean()), float(followed.still.mean())
+    moved = still > STILL * diagonal
+    if moved and error > LOST * still:
+        told.append(
+            f"the subject was followed poorly (depth {1e3 * error:.0f} mm from the surface, "
+            f"{1e3 * still:.0f} mm if it stood still): the result may be worse than standing still"
+        )
+    seen = np.array(
+        [followed.visible[:, bones.owners == b].mean() for b in np.unique(bones.owners)]
+    )
+    hidden = int((seen < SEEN).sum())
+    if hidden:
+        told.append(f"{hidden} of {len(seen)} bones were out of sight most of the time")
+    return tuple(told)

@@ -45,6 +45,8 @@ class Row:
     tracking: float | None = None  # mean distance of tracked vertices from the truth, all
     tracking_seen: float | None = None  # the same where they were seen
     tracking_static: float | None = None  # the same for a surface that stands still
+    residual: float | None = None  # distance of depth to the tracked surface
+    residual_static: float | None = None  # the same if it stood still
     embedded: float | None = None  # share of joints inside the figure
     error: float | None = None  # RE
     local: float | None = None  # LPE
@@ -177,6 +179,8 @@ def judge_track(capture: Capture, film: Film) -> dict[str, Any]:
         "tracking": float(off.mean()),
         "tracking_seen": float(off[track.visible].mean()),
         "tracking_static": float(still.mean()),
+        "residual": float(track.residuals.mean()),
+        "residual_static": float(track.still.mean()),
         "tracking_seconds": capture.seconds["tracking"] / max(1, len(capture.times)),
     }
 

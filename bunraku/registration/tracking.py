@@ -36,8 +36,8 @@ class Settings:
     """How frames are fitted; lengths in units of half the subject's diagonal."""
 
     radius: float = 0.07  # of the graph's nodes (sigma)
-    steps: int = 8
-    queries: int = 800  # samples of each side that ask for their nearest, in each step
+    steps: int = 6
+    queries: int = 600  # samples of each side that ask for their nearest, in each step
     normals: float = 0.15  # of a unit of normal, in the search
     gate: float = 0.25  # pairs farther apart are dropped
     width: float = 0.1  # of the robust weight
@@ -58,6 +58,7 @@ class Track:
     places: Float[np.ndarray, "frames vertices 3"]
     visible: Bool[np.ndarray, "frames vertices"]
     residuals: Float[np.ndarray, " frames"]  # mean distance of depth to the surface, metres
+    still: Float[np.ndarray, " frames"]  # the same for a surface that does not move
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,13 +203,15 @@ def judge(
     intrinsics: Float[np.ndarray, "3 3"],
 ) -> Track:
     """Gather a track, with what was seen of it and how far depth is from it in every frame."""
-    places, visible, residuals = [], [], []
+    places, visible, residuals, still = [], [], [], []
+    frozen = cKDTree(views[reference].vertices)
     for motion, view in zip(motions, views, strict=True):
         moved = model.unit * warp(model.graph, motion, model.vertices, slice(None))
         turned = turn_normals(model.graph, motion, model.normals, slice(None))
         seen = is_seen(moved, turned, view, intrinsics, slack=0.05 * model.unit)
         step = max(1, len(view.vertices) // 2000)
         apart = cKDTree(moved).query(view.vertices[::step])[0]
+        still.append(float(frozen.query(view.vertices[::step])[0].mean()))
         places.append(moved)
         visible.append(seen)
         residuals.append(float(apart.mean()))
@@ -221,4 +224,5 @@ def judge(
         np.stack(places),
         np.stack(visible),
         np.array(residuals),
+        np.array(still),
     )

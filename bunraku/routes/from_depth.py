@@ -1,103 +1,23 @@
 """Move a figure as a subject moves in a depth video ([T4D] Maheshwari et al. 2023, "Transfer4D").
 
 capture = capture_performer(read_depth("recording"))
-write_character("performer.glb", Figure(..., capture.character.mesh, ...), capture.character)
 transfer = animate_from_depth(capture, figure.mesh)
 """
 
-import logging
 from dataclasses import dataclass
 
-import numpy as np
-from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
-from bunraku.bones.decomposition import decompose, fit_weights, joint_paths, neighbourhood
-from bunraku.bones.performer import build_performer, standing_place
-from bunraku.bones.splitting import Bones, make_bones, merge_bones, split_curves
-from bunraku.curves import CurveSkeleton, extract_curves
-from bunraku.depth.meshing import View
-from bunraku.depth.subject import view_subject
-from bunraku.embedding import Embedding, embed, spread_weights
+from bunraku.embedding import MOST_MISFIT, Embedding, embed, spread_weights
 from bunraku.proxy import Proxy, build_proxy, lift_weights
-from bunraku.registration.tracking import Settings, Track, track
 from bunraku.retargeting import plan_embedded, retarget_clip, skeleton_of, turned_frames
 from bunraku.rotations import invert_rigid
+from bunraku.routes.capturing import Capture, capture_performer
 from bunraku.routes.timing import Stopwatch
 from bunraku.skinning import keep_influences
-from bunraku.types import Character, DepthVideo, MatchError, Mesh, Skin
+from bunraku.types import Character, MatchError, Mesh, Skin
 
-logger = logging.getLogger(__name__)
-MOST_MISFIT = 1.0
-SAMPLES = 1500  # vertices that bone motions are fitted to
-
-
-@dataclass(frozen=True, eq=False)
-class Capture:
-    """Every stage of what a depth video gave, in metres and the camera's frame."""
-
-    views: tuple[View, ...]  # of the frames in which the subject was seen
-    times: Float[np.ndarray, " frames"]
-    diagonal: float
-    track: Track
-    curves: CurveSkeleton
-    bones: Bones
-    character: Character  # the seen side of the subject, with skeleton, skin and one clip
-    eye: Float[np.ndarray, "3"]  # where the camera is in the character's frame
-    warnings: tuple[str, ...]
-    seconds: dict[str, float]
-
-
-@threadpool_limits.wrap(limits=1)  # type: ignore[untyped-decorator]  # threads slow small products
-def capture_performer(video: DepthVideo, *, settings: Settings | None = None) -> Capture:
-    """Turn a depth video into a rigged performer: its seen side, a skeleton and a clip.
-
-    Args:
-        video: one still camera, one moving subject.
-        settings: of the tracking; None for the best known.
-
-    Raises:
-        ValueError: if no frame shows a subject, or only one does.
-    """
-    watch = Stopwatch()
-    watch.begin("subject")
-    seen = view_subject(video)
-
-    watch.begin("tracking")
-    followed = track(
-        seen.views,
-        0,
-        video.intrinsics,
-        seen.diagonal,
-        settings=settings or Settings(),
-        progress=report_progress,
-    )
-    eye = -standing_place(followed.places[followed.reference])
-    paths, faces = followed.places + eye, seen.views[followed.reference].faces
-    rest = paths[followed.reference]
-
-    watch.begin("skeleton")
-    curves = extract_curves(rest, faces)
-    bones = make_bones(curves, split_curves(curves, rest, paths), rest)
-    bones = merge_bones(bones, rest, paths)
-
-    watch.begin("skin")
-    few = np.random.default_rng(0).permutation(len(rest))[:SAMPLES]
-    _, rotations, shifts = decompose(rest[few], paths[:, few], bones.owners[few], bones.parents)
-    near = neighbourhood(bones.parents)[bones.owners]
-    weights = fit_weights(rest, paths, rotations, shifts, near)
-    rings = curves.owners == bones.rings[:, None]
-    joints = joint_paths(rest, weights, rotations, shifts, rings, bones.joints)
-    character = build_performer(rest, faces, bones, weights, (rotations, joints), seen.times)
-    return Capture(
-        *(seen.views, seen.times, seen.diagonal, followed, curves, bones, character, eye),
-        *(seen.warnings, watch.end()),
-    )
-
-
-def report_progress(done: int, count: int) -> None:
-    """Say how far the tracking is."""
-    logger.info("tracking %d/%d", done, count)
+__all__ = ["Capture", "DepthTransfer", "animate_from_depth", "capture_performer"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,5 +72,5 @@ def animate_from_depth(
     skin = Skin(weights, invert_rigid(bind))
     return DepthTransfer(
         *(target, embedding, Character(figure, skeleton_of(source, bind), skin, clips)),
-        *(1.0, (), watch.end()),
+        *(embedding.confidence, embedding.doubts, watch.end()),
     )
