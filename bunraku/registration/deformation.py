@@ -19,6 +19,7 @@ from bunraku.meshes import sum_rows
 from bunraku.rotations import vectors_to_matrices
 
 INFLUENCES, NEIGHBOURS = 4, 8  # nodes of a vertex, neighbours of a node (Sec. 3.1)
+PART = 4  # radii along the surface up to which vertices belong together
 BRIDGE = 4  # nodes on each side of a bridge between parts that do not touch
 Points = Float[np.ndarray, "points 3"]
 
@@ -31,6 +32,19 @@ class Graph:
     influences: Int[np.ndarray, "vertices 4"]  # nodes of each vertex
     weights: Float[np.ndarray, "vertices 4"]  # rows sum to 1 (Eq. 3)
     edges: Int[np.ndarray, "edges 2"]  # every edge in both directions
+    near: Bool[np.ndarray, "nodes nodes"]  # less than PART radii apart along the surface
+
+    def same_part(
+        self, first: Int[np.ndarray, " points"], second: Int[np.ndarray, " points"]
+    ) -> Bool[np.ndarray, " points"]:
+        """Tell which vertices are near each other along the surface, pair by pair."""
+        mine, other = (
+            np.take_along_axis(
+                self.influences[rows], self.weights[rows].argmax(axis=1)[:, None], axis=1
+            )[:, 0]
+            for rows in (first, second)
+        )
+        return self.near[mine, other]
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +81,8 @@ def build_graph(
     order = np.argsort(nearest, axis=1, kind="stable")
     nearest = np.take_along_axis(nearest, order, axis=1)
     weights = np.take_along_axis(weights, order, axis=1)
-    return Graph(vertices[chosen], nearest, weights, tie_nodes(vertices[chosen], away[chosen]))
+    ties = tie_nodes(vertices[chosen], away[chosen])
+    return Graph(vertices[chosen], nearest, weights, ties, away[chosen] < PART * radius)
 
 
 def cover(surface: csr_array, radius: float) -> Int[np.ndarray, " nodes"]:

@@ -28,6 +28,7 @@ from bunraku.registration.deformation import (
 from bunraku.rotations import matrices_to_vectors, vectors_to_matrices
 
 Points = Float[np.ndarray, "points 3"]
+FEWEST_FREE = 10  # vertices without depth of their own that unexplained depth may pull
 Progress = Callable[[int, int], None]
 
 
@@ -45,6 +46,8 @@ class Settings:
     rigidity: float = 0.5  # of one edge, against 2500 samples
     damping: float = 1e-3
     momentum: float = 0.6  # of the last frame's motion, taken as the first guess
+    unexplained: float = 0.08  # depth farther than this from the surface pulls free vertices
+    reach: float = 0.35  # of that pull
     both_ways: bool = True  # depth asks for its nearest on the surface too
 
 
@@ -136,31 +139,14 @@ def fit_frame(
         moved = warp(model.graph, motion, model.vertices[rows], rows)
         turned = turn_normals(model.graph, motion, model.normals[rows], rows)
         seen = is_seen(model.unit * moved, turned, view, intrinsics, slack=0.05 * model.unit)
-        rows, moved, turned = rows[seen], moved[seen], turned[seen]
+        rows, asking = rows[seen], features(moved, turned, settings.normals)[seen]
         if not len(rows):
             return motion
-        asking = features(moved, turned, settings.normals)
-        distance, nearest = tree.query(
-            asking[: settings.queries], distance_upper_bound=1.5 * settings.gate
-        )
-        from_model = np.flatnonzero(np.isfinite(distance))
-        pairs = [(rows[from_model], nearest[from_model], distance[from_model])]
-        if settings.both_ways:
-            asked = draw(len(goal), settings.queries, rng)
-            distance, nearest = cKDTree(asking).query(
-                tree.data[asked], distance_upper_bound=1.5 * settings.gate
-            )
-            found = np.isfinite(distance)
-            pairs.append((rows[nearest[found]], asked[found], distance[found]))
-        of_model, of_view, apart = (np.concatenate(part) for part in zip(*pairs, strict=True))
-        weights = robust_weights(apart**2, settings.width) * (apart < settings.gate)
-        wish = Wish(
-            of_model,
-            goal[of_view],
-            normals[of_view],
-            weights * (2500 / max(len(apart), 1)),
-            settings.share,
-        )
+        asked = draw(len(goal), settings.queries, rng)
+        matched = find_matches(model.graph, rows, asking, tree, asked, settings)
+        weights = matched.weights * (2500 / max(len(matched.weights), 1))
+        places, facing = goal[matched.still], normals[matched.still]
+        wish = Wish(matched.moving, places, facing, weights, settings.share)
         motion = gauss_newton(
             model.graph,
             motion,
@@ -170,6 +156,64 @@ def fit_frame(
             damping=settings.damping,
         )
     return motion
+
+
+@dataclass(frozen=True, eq=False)
+class Matches:
+    """Vertices of the surface, points of a frame's depth that they belong to, and how surely."""
+
+    moving: Int[np.ndarray, " pairs"]
+    still: Int[np.ndarray, " pairs"]
+    weights: Float[np.ndarray, " pairs"]
+
+
+def find_matches(
+    graph: Graph,
+    rows: Int[np.ndarray, " samples"],
+    asking: Float[np.ndarray, "samples 6"],
+    tree: cKDTree,
+    asked: Int[np.ndarray, " asked"],
+    settings: Settings,
+) -> Matches:
+    """Match a surface with a frame's depth, both ways.
+
+    A vertex believes its nearest depth only if that depth's own nearest vertex is of the same
+    part of the surface: else a leg would lie down on the other one when they cross. Depth that no
+    vertex explains pulls such free vertices, from afar.
+
+    Args:
+        rows: vertices of the surface that should be seen.
+        asking: their places and normals.
+        tree: places and normals of the depth's points.
+        asked: which of these ask for their nearest vertex.
+    """
+    own = cKDTree(asking)
+    few = slice(0, settings.queries)
+    forward, nearest = tree.query(asking[few])
+    if not settings.both_ways:
+        kept = forward < settings.gate
+        weights = robust_weights(forward**2, settings.width) * kept
+        return Matches(rows[few], nearest, weights)
+    _, back = own.query(tree.data[nearest])
+    alike = graph.same_part(rows[few], rows[back])
+    first = Matches(
+        rows[few],
+        nearest,
+        robust_weights(forward**2, settings.width) * (alike & (forward < settings.gate)),
+    )
+    distance, answer = own.query(tree.data[asked])
+    weights = robust_weights(distance**2, settings.width) * (distance < settings.gate)
+    answering, far = rows[answer], distance > settings.unexplained
+    free = np.flatnonzero(~alike)
+    if far.any() and len(free) >= FEWEST_FREE:
+        reach, chosen = cKDTree(asking[free]).query(tree.data[asked[far]])
+        answering[far] = rows[free[chosen]]
+        weights[far] = robust_weights(reach**2, settings.reach) * (reach < 2 * settings.reach)
+    return Matches(
+        np.concatenate([first.moving, answering]),
+        np.concatenate([first.still, asked]),
+        np.concatenate([first.weights, weights]),
+    )
 
 
 def draw(count: int, wanted: int, rng: np.random.Generator) -> Int[np.ndarray, " drawn"]:
