@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from bunraku.bones.performer import CLIP
 from bunraku.cli.steps import write_report
-from bunraku.evaluate.report import report_capture
+from bunraku.evaluate.report import report_capture, report_depth_transfer
 from bunraku.formats import read_depth, write_character
 from bunraku.routes.from_depth import Capture, animate_from_depth, capture_performer
 from bunraku.types import Figure, FormatError
@@ -25,16 +26,15 @@ class Film:
     clips: Sequence[str] | None = None
     landmarks: Path | None = None
 
-    def check(self, capture: Capture) -> None:
+    def check(self) -> None:
         """Refuse clips that a video does not have, and landmarks, which need names of joints.
 
         Raises:
             FormatError: about the folder or the landmarks.
         """
-        known = [clip.name for clip in capture.character.clips]
         for name in self.clips or ():
-            if name not in known:
-                message = f"has no clip {name!r}; a depth video is one clip, {known[0]!r}"
+            if name != CLIP:
+                message = f"has no clip {name!r}; a depth video is one clip, {CLIP!r}"
                 raise FormatError(self.folder, "", message)
         if self.landmarks is not None:
             message = "name joints, which a depth video does not have before it is captured"
@@ -75,13 +75,13 @@ def animate(
 ) -> None:
     """Let a depth video move a figure, and write it."""
     started = time.perf_counter()
+    performance.check()
     captured = film(performance.folder)
-    performance.check(captured)
     transfer = animate_from_depth(captured, found.mesh, seed=seed, force=force)
     for message in transfer.warnings:
         logger.warning("%s: %s", found.path, message)
     write_character(out, found, transfer.character)
     if report:
         folder, seconds = str(performance.folder), time.perf_counter() - started
-        told = report_capture(folder, captured, total_seconds=seconds)
+        told = report_depth_transfer(found.path, folder, captured, transfer, total_seconds=seconds)
         write_report(report, told)

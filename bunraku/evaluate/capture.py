@@ -120,8 +120,8 @@ def moves(clip: Clip) -> bool:
 
 
 def spread(names: Sequence[str], count: int) -> list[str]:
-    """Choose names evenly, walks and gallops first: they are what bodies do."""
-    gaits = [name for name in names if any(gait in name for gait in ("walk", "run", "gallop"))]
+    """Choose names evenly, a walk first: it is what most bodies do, and it crosses limbs."""
+    gaits = [name for gait in ("walk", "run", "gallop") for name in names if gait in name]
     if len(names) < 2:
         return list(names)
     return (gaits[:1] + choose_clips(names, count)[0])[:count]

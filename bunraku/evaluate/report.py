@@ -12,10 +12,12 @@ from bunraku.evaluate import metrics
 from bunraku.evaluate.families import play_at
 from bunraku.graphs import mesh_edges
 from bunraku.meshes import connected_parts, weld
-from bunraku.routes.from_depth import Capture
+from bunraku.routes.from_depth import Capture, DepthTransfer
 from bunraku.routes.from_rig import RigTransfer
 from bunraku.skinning import clip_transforms, forward_kinematics
 from bunraku.types import Character, Clip, Mesh, Skin
+
+Transfer = RigTransfer | DepthTransfer
 
 
 @dataclass(frozen=True)
@@ -47,32 +49,40 @@ def report_transfer(
         transfer: what the route gave.
         total_seconds: from the start of the command, reading included.
     """
-    moved = transfer.character
-    mesh, weights = moved.mesh, moved.skin.weights
     return {
         "bunraku": __version__,
         "route": "from_rig",
-        "figure": {
-            "path": figure_path,
-            "vertices": len(mesh.vertices),
-            "faces": len(mesh.faces),
-            "parts": count_parts(mesh),
-            "height": metrics.figure_height(mesh.vertices),
-        },
+        "figure": describe_figure(figure_path, transfer.character.mesh),
         "performance": {**performance, "joints": len(source.skeleton.names)},
         "seconds": {"total": total_seconds, **transfer.seconds},
         "confidence": transfer.confidence,
         "warnings": list(transfer.warnings),
         "map": {"mirrored": transfer.mirrored, "score": transfer.score},
-        "skin": {
-            "influences_max": int((weights > 0).sum(axis=1).max(initial=0)),
-            "unweighted_vertices": int((weights.sum(axis=1) == 0).sum()),
-        },
+        "skin": describe_skin(transfer.character.skin),
         "clips": [asdict(clip) for clip in describe_clips(source, transfer)],
     }
 
 
-def describe_clips(source: Character, transfer: RigTransfer) -> Iterator[ClipReport]:
+def describe_figure(path: str, mesh: Mesh) -> dict[str, object]:
+    """Say which figure was moved; its height is in the file's unit."""
+    return {
+        "path": path,
+        "vertices": len(mesh.vertices),
+        "faces": len(mesh.faces),
+        "parts": count_parts(mesh),
+        "height": metrics.figure_height(mesh.vertices),
+    }
+
+
+def describe_skin(skin: Skin) -> dict[str, object]:
+    """Say how many joints move a vertex at most, and how many vertices none moves."""
+    return {
+        "influences_max": int((skin.weights > 0).sum(axis=1).max(initial=0)),
+        "unweighted_vertices": int((skin.weights.sum(axis=1) == 0).sum()),
+    }
+
+
+def describe_clips(source: Character, transfer: Transfer) -> Iterator[ClipReport]:
     """Measure every clip that was carried over."""
     moved = transfer.character
     clips = {clip.name: clip for clip in source.clips}
@@ -89,7 +99,7 @@ def describe_clips(source: Character, transfer: RigTransfer) -> Iterator[ClipRep
         )
 
 
-def _penetration(transfer: RigTransfer) -> Float[np.ndarray, " clips"]:
+def _penetration(transfer: Transfer) -> Float[np.ndarray, " clips"]:
     """Measure penetration on two frames of every clip, by the figure's proxy."""
     solid, phases = wear_skin(transfer.character, transfer.target_proxy.mesh), np.array([0.3, 0.7])
     if not transfer.character.clips:
@@ -180,4 +190,35 @@ def report_capture(path: str, capture: Capture, *, total_seconds: float) -> dict
         "warnings": list(capture.warnings),
         "tracking_error_m": [float(error) for error in capture.track.residuals],
         "seen": dict(zip(names, shares, strict=True)),
+    }
+
+
+def report_depth_transfer(
+    figure_path: str,
+    performance: str,
+    capture: Capture,
+    transfer: DepthTransfer,
+    *,
+    total_seconds: float,
+) -> dict[str, object]:
+    """Gather what a depth video made of a figure.
+
+    Args:
+        figure_path: the figure's file as the user named it.
+        performance: the video's folder, likewise.
+        capture: what was captured of it.
+        transfer: what the route gave.
+        total_seconds: from the start of the command, reading included.
+    """
+    told = report_capture(performance, capture, total_seconds=total_seconds)
+    names, matched = capture.character.skeleton.names, transfer.embedding.matched.tolist()
+    return told | {
+        "figure": describe_figure(figure_path, transfer.character.mesh),
+        "seconds": {"total": total_seconds, **capture.seconds, **transfer.seconds},
+        "confidence": transfer.confidence,
+        "warnings": [*capture.warnings, *transfer.warnings],
+        "map": {"mirrored": False, "score": transfer.embedding.misfit},
+        "matched": dict(zip(names, matched, strict=True)),
+        "skin": describe_skin(transfer.character.skin),
+        "clips": [asdict(clip) for clip in describe_clips(capture.character, transfer)],
     }

@@ -73,7 +73,7 @@ def folder(tmp_path_factory) -> Path:
         (["triangle.obj", "--with", "torn.glb"], "error: torn.glb: "),
         (["triangle.obj", "--with", "triangle.obj"], "error: triangle.obj: "),
         (["triangle.obj", "--with", "silent.glb"], "error: silent.glb: has a rig but no clips"),
-        (["triangle.obj", "--with", "."], "error: .: is a folder"),
+        (["triangle.obj", "--with", "."], "error: .: holds no NNNN.png depth frames"),
         (
             ["triangle.obj", "--with", "walker.glb", "--clip", "fly"],
             "error: walker.glb: has no clip 'fly'; it has 'idle', 'walk'$",
