@@ -6,7 +6,7 @@ then bone by bone, because the surface tells limbs apart that a skeleton does no
 What the figure has and the camera did not see stays with the body it hangs on.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -31,12 +31,17 @@ from bunraku.registration.correspondence import (
     make_surface,
     robust_weights,
 )
-from bunraku.registration.puppet import Pose, Puppet, move_puppet
-from bunraku.rotations import nearest_rotation, rotation_angles, vectors_to_matrices
+from bunraku.registration.puppet import Pose, Puppet, move_puppet, rest_pose
+from bunraku.rotations import (
+    nearest_rotation,
+    quaternions_to_matrices,
+    rotation_angles,
+    vectors_to_matrices,
+)
 from bunraku.spectral import laplacian
 from bunraku.types import Character, Mesh
 
-HEADINGS, KEPT = 8, 3  # turns about the vertical that are tried; that are fitted bone by bone
+HEADINGS, MOMENTS, KEPT = 8, 8, 3  # turns and frames that are tried; fits of them, bone by bone
 WIDTHS = np.geomspace(0.3, 0.06, 24)  # of the robust weight, while aligning as a whole
 SEEN_SHARE = 0.5  # of a body's surface, seen from one side
 NEAR = 0.03  # distance at which surfaces count as one, in units of sqrt(area)
@@ -98,24 +103,75 @@ def embed(performer: Character, bones: Bones, figure: Mesh) -> Embedding:
     vertices, centre, unit = scale_to_unit_area(figure.vertices, figure.faces)
     surface = make_surface(vertices, figure.faces)
     puppet, own_unit = make_seen_puppet(performer, bones)
-    starts = [align(puppet, surface, turn) for turn in heading_turns(HEADINGS)]
-    starts.sort(key=lambda found: seen_misfit(puppet, start_pose(puppet, found), surface))
-    fits = [(found, fit_bones(puppet, found, surface)) for found in starts[:KEPT]]
-    found, pose = min(fits, key=lambda fit: doubt(puppet, fit[0], fit[1], surface))
-    turns, _, anchors = pose.world(puppet)
-    moved, normals = move_puppet(puppet, pose)
+    fits = [fit_bones(puppet, start, surface) for start in find_starts(performer, puppet, surface)]
+    best = min(fits, key=lambda fit: doubt(puppet, fit, surface))
+    turns, _, anchors = best.pose.world(puppet)
+    moved, normals = move_puppet(puppet, best.pose)
     met = nearness(moved, normals, surface) > 0.5
     owned = np.bincount(bones.owners, minlength=len(turns))
     hits = np.bincount(bones.owners, met, minlength=len(turns))
     return Embedding(
-        found.rotation,
-        found.rotation.T @ turns,
+        best.whole.rotation,
+        best.whole.rotation.T @ turns,
         anchors * unit + centre,
         moved * unit + centre,
-        found.scale * unit / own_unit,
-        seen_misfit(puppet, pose, surface),
+        best.whole.scale * unit / own_unit,
+        seen_misfit(puppet, best, surface),
         hits / np.maximum(owned, 1),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """A performer laid on a figure as a whole, as it was at one moment, and then bone by bone."""
+
+    moment: Pose  # of the performer, in its own frame
+    whole: Similarity
+    pose: Pose  # on the figure
+
+
+def find_starts(performer: Character, puppet: Puppet, surface: Surface) -> list[Start]:
+    """Try every heading with several moments of the performer, roughly; align the best finely.
+
+    A figure may stand as the performer did in any frame.
+    """
+    rough = []
+    for moment in moments_of(performer, puppet):
+        for turn in heading_turns(HEADINGS):
+            whole = Similarity(turn, middle_of(surface) - turn @ middle_of(puppet), 1.0)
+            start = align(puppet, place(moment, whole), surface, WIDTHS[::4], 250)
+            rough.append((seen_misfit(puppet, start, surface, count=300), start))
+    rough.sort(key=lambda entry: entry[0])
+    return [align(puppet, start, surface, WIDTHS[4:], 500) for _, start in rough[:KEPT]]
+
+
+def moments_of(performer: Character, puppet: Puppet) -> list[Pose]:
+    """Give the puppet's pose at rest and in frames spread over the performer's clip."""
+    clip = performer.clips[0]
+    vertices = performer.mesh.vertices
+    unit = float(np.sqrt(surface_area(vertices, performer.mesh.faces) / SEEN_SHARE))
+    count = min(MOMENTS, len(clip.times))
+    frames = np.unique(np.linspace(0, len(clip.times) - 1, count).round().astype(np.int64))
+    roots = (clip.translations[frames, 0] - vertices.mean(axis=0)) / unit
+    still = np.zeros((len(puppet.parents), 2))
+    turned = quaternions_to_matrices(clip.rotations[frames])
+    moving = [Pose(root, turn, still) for root, turn in zip(roots, turned, strict=True)]
+    return [rest_pose(puppet), *moving]
+
+
+def middle_of(surface: Surface | Puppet) -> Float[np.ndarray, "3"]:
+    """Give the middle of a surface's box."""
+    middle: np.ndarray = (surface.vertices.max(axis=0) + surface.vertices.min(axis=0)) / 2
+    return middle
+
+
+def place(moment: Pose, whole: Similarity) -> Start:
+    """Lay a pose on a figure as a whole."""
+    rotations = moment.rotations.copy()
+    rotations[0] = whole.rotation @ rotations[0]
+    root = whole.scale * whole.rotation @ moment.root + whole.shift
+    scales = np.full_like(moment.scales, np.log(whole.scale))
+    return Start(moment, whole, Pose(root, rotations, scales))
 
 
 def make_seen_puppet(performer: Character, bones: Bones) -> tuple[Puppet, float]:
@@ -143,15 +199,6 @@ def heading_turns(count: int) -> Float[np.ndarray, "headings 3 3"]:
     """Give turns about the vertical, in equal steps from none."""
     angles = np.arange(count) * (2 * np.pi / count)
     return vectors_to_matrices(angles[:, None] * np.array([[0.0, 1.0, 0.0]]))
-
-
-def start_pose(puppet: Puppet, found: Similarity) -> Pose:
-    """Pose a puppet as a whole."""
-    count = len(puppet.parents)
-    rotations = np.tile(np.eye(3), (count, 1, 1))
-    rotations[0] = found.rotation
-    root = found.scale * found.rotation @ puppet.anchors[0] + found.shift
-    return Pose(root, rotations, np.full((count, 2), np.log(found.scale)))
 
 
 def seen_pairs(
@@ -183,33 +230,33 @@ def seen_pairs(
     )
 
 
-def camera_direction(puppet: Puppet, rotation: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3"]:
-    """Give where the camera is, by the normals that it sees, after a turn."""
-    mean = puppet.normals.sum(axis=0)
-    direction: np.ndarray = rotation @ (mean / max(float(np.linalg.norm(mean)), 1e-12))
-    return direction
-
-
-def align(puppet: Puppet, surface: Surface, turn: Float[np.ndarray, "3 3"]) -> Similarity:
+def align(
+    puppet: Puppet,
+    start: Start,
+    surface: Surface,
+    widths: Float[np.ndarray, " steps"],
+    count: int,
+) -> Start:
     """Lay the seen surface on a figure as a whole: iterated closest points with scale.
 
     Args:
-        turn: the rotation to start from.
+        start: the moment, and where to begin.
+        widths: of the robust weight, step by step.
+        count: samples of each side that ask.
     """
-    samples = puppet.samples[:500]
-    middle = (surface.vertices.max(axis=0) + surface.vertices.min(axis=0)) / 2
-    own = puppet.vertices
-    offset = turn @ (own.max(axis=0) + own.min(axis=0)) / 2
-    found = Similarity(turn, middle - offset, 1.0)
-    for width in WIDTHS:
-        stage = Stage(1, 500, 0.15, width, 1.0, 0.0, 0.0)
-        places = found.scale * own[samples] @ found.rotation.T + found.shift
-        normals = puppet.normals[samples] @ found.rotation.T
-        towards = camera_direction(puppet, found.rotation)
-        pairs = seen_pairs((places, normals), samples, towards, surface, stage)
+    samples, found = puppet.samples[:count], start.whole
+    own, normals = unit_normals(move_puppet(puppet, start.moment, samples))
+    order = np.empty(len(puppet.vertices), np.int64)
+    order[samples] = np.arange(count if count < len(samples) else len(samples))
+    for width in widths:
+        stage = Stage(1, count, 0.15, width, 1.0, 0.0, 0.0)
+        places = found.scale * own @ found.rotation.T + found.shift
+        turned = normals @ found.rotation.T
+        pairs = seen_pairs((places, turned), samples, found.rotation[:, 2], surface, stage)
         weights = pairs.weight * robust_weights(pairs.squared, width)
-        found = best_similarity(own[pairs.moving], surface.vertices[pairs.still], weights)
-    return found
+        goals = surface.vertices[pairs.still]
+        found = best_similarity(own[order[pairs.moving]], goals, weights)
+    return place(start.moment, found)
 
 
 def best_similarity(
@@ -228,17 +275,16 @@ def best_similarity(
     return Similarity(rotation, goal - scale * rotation @ centre, scale)
 
 
-def fit_bones(puppet: Puppet, found: Similarity, surface: Surface) -> Pose:
+def fit_bones(puppet: Puppet, start: Start, surface: Surface) -> Start:
     """Turn and stretch bones until the seen surface lies on the figure."""
-    pose = home = start_pose(puppet, found)
-    samples = puppet.samples[:1200]
+    pose, samples = start.pose, puppet.samples[:1200]
+    towards = start.whole.rotation[:, 2]
     for stage in STAGES:
         for _ in range(stage.steps):
-            towards = camera_direction(puppet, pose.rotations[0])
             moved = unit_normals(move_puppet(puppet, pose, samples))
             pairs = seen_pairs(moved, samples, towards, surface, stage)
-            pose = gauss_newton_step(puppet, pose, surface, pairs, stage, home=home)
-    return pose
+            pose = gauss_newton_step(puppet, pose, surface, pairs, stage, home=start.pose)
+    return replace(start, pose=pose)
 
 
 def unit_normals(
@@ -249,22 +295,25 @@ def unit_normals(
     return places, normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
 
 
-def seen_misfit(puppet: Puppet, pose: Pose, surface: Surface, *, width: float = 0.1) -> float:
+def seen_misfit(
+    puppet: Puppet, fit: Start, surface: Surface, *, width: float = 0.1, count: int = 1000
+) -> float:
     """Judge a fit: mean of d^2 / (d^2 + width^2), both ways added; 0 perfect, 2 nowhere near."""
-    samples = puppet.samples[:1000]
-    towards = camera_direction(puppet, pose.rotations[0])
-    moved = unit_normals(move_puppet(puppet, pose, samples))
-    stage = Stage(1, 1000, 0.1, width, 1.0, 0.0, 0.0)
-    pairs = seen_pairs(moved, samples, towards, surface, stage)
+    samples = puppet.samples[:count]
+    moved = unit_normals(move_puppet(puppet, fit.pose, samples))
+    stage = Stage(1, count, 0.1, width, 1.0, 0.0, 0.0)
+    pairs = seen_pairs(moved, samples, fit.whole.rotation[:, 2], surface, stage)
     far = pairs.squared / (pairs.squared + width**2)
     return float(far[: len(samples)].mean() + far[len(samples) :].mean())
 
 
-def doubt(puppet: Puppet, found: Similarity, pose: Pose, surface: Surface) -> float:
-    """Rank fits by misfit, made worse by what bones had to turn and stretch for it."""
-    turn = float(rotation_angles(pose.rotations[1:]).mean()) if len(pose.rotations) > 1 else 0.0
-    stretch = float(np.abs(pose.scales - np.log(found.scale)).mean())
-    return seen_misfit(puppet, pose, surface) + 0.05 * turn + 0.1 * stretch
+def doubt(puppet: Puppet, fit: Start, surface: Surface) -> float:
+    """Rank fits by misfit, made worse by what bones turned and stretched beyond their moment."""
+    start = place(fit.moment, fit.whole).pose
+    turned = np.swapaxes(start.rotations, 1, 2) @ fit.pose.rotations
+    stretch = float(np.abs(fit.pose.scales - start.scales).mean())
+    turn = float(rotation_angles(turned).mean())
+    return seen_misfit(puppet, fit, surface) + 0.05 * turn + 0.1 * stretch
 
 
 def nearness(

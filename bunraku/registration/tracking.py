@@ -6,7 +6,7 @@ not reach must pull too, and because it is a hundred times faster (docs/log.md).
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -29,6 +29,7 @@ from bunraku.rotations import matrices_to_vectors, vectors_to_matrices
 
 Points = Float[np.ndarray, "points 3"]
 FEWEST_FREE = 10  # vertices without depth of their own that unexplained depth may pull
+MUCH_NEARER = 0.7  # of the first frame's error: where another frame must get to be preferred
 Progress = Callable[[int, int], None]
 
 
@@ -111,6 +112,46 @@ def track(
             progress(done, len(views) - 1)
     ordered = [motions[frame] for frame in range(len(views))]
     return judge(model, ordered, views, reference, intrinsics)
+
+
+def choose_reference(
+    views: Sequence[View],
+    intrinsics: Float[np.ndarray, "3 3"],
+    diagonal: float,
+    *,
+    settings: Settings,
+    tried: int = 3,
+) -> int:
+    """Choose the frame to start from: one with limbs well apart, that others can be reached from.
+
+    Paper: always the first frame. We: that and the frames with the longest outlines are tried on
+    every second frame, roughly; one from which depth stays much nearer to the surface is taken.
+
+    Args:
+        tried: how many frames.
+    """
+    lengths = np.array([outline_length(view, intrinsics) for view in views])
+    candidates = [0]
+    apart = max(1, len(views) // 8)
+    for frame in np.argsort(-lengths, kind="stable"):
+        if all(abs(frame - other) >= apart for other in candidates):
+            candidates.append(int(frame))
+    rough = replace(settings, steps=3, queries=settings.queries // 2)
+    errors = []
+    for frame in candidates[:tried]:
+        few = list(range(frame % 2, len(views), 2))
+        sparse = [views[index] for index in few]
+        found = track(sparse, few.index(frame), intrinsics, diagonal, settings=rough)
+        errors.append(float(found.residuals.mean()))
+    best = int(np.argmin(errors))
+    return candidates[best] if errors[best] < MUCH_NEARER * errors[0] else 0
+
+
+def outline_length(view: View, intrinsics: Float[np.ndarray, "3 3"]) -> float:
+    """Measure how long the subject's outline is, in metres, about."""
+    shown = np.pad(view.depth > 0, 1)
+    edges = sum(int(np.diff(shown, axis=axis).sum()) for axis in (0, 1))
+    return edges * float(np.median(view.depth[view.depth > 0])) / float(intrinsics[0, 0])
 
 
 def predict(previous: Motion, current: Motion, momentum: float) -> Motion:

@@ -13,7 +13,7 @@ from bunraku.bones.splitting import Bones, make_bones, merge_bones, split_curves
 from bunraku.curves import CurveSkeleton, extract_curves
 from bunraku.depth.meshing import View
 from bunraku.depth.subject import view_subject
-from bunraku.registration.tracking import Settings, Track, track
+from bunraku.registration.tracking import Settings, Track, choose_reference, track
 from bunraku.routes.timing import Stopwatch
 from bunraku.types import Character, DepthVideo
 
@@ -52,15 +52,12 @@ def capture_performer(video: DepthVideo, *, settings: Settings | None = None) ->
     watch.begin("subject")
     seen = view_subject(video)
 
+    watch.begin("choosing a frame")
+    camera, settings = (video.intrinsics, seen.diagonal), settings or Settings()
+    reference = choose_reference(seen.views, *camera, settings=settings)
+
     watch.begin("tracking")
-    followed = track(
-        seen.views,
-        0,
-        video.intrinsics,
-        seen.diagonal,
-        settings=settings or Settings(),
-        progress=report_progress,
-    )
+    followed = track(seen.views, reference, *camera, settings=settings, progress=report_progress)
     eye = -standing_place(followed.places[followed.reference])
     paths, faces = followed.places + eye, seen.views[followed.reference].faces
     rest = paths[followed.reference]
