@@ -202,6 +202,14 @@ def length_ratio(
     return float(np.clip(np.linalg.norm(own) / length, 0.25 * otherwise, 4.0 * otherwise))
 
 
+def start_above(clip: Clip, place: Float[np.ndarray, "3"]) -> Clip:
+    """Move a clip along the ground so that its root starts above or below a place."""
+    aside = (place - clip.translations[0, 0]) * [1.0, 0.0, 1.0]
+    translations = clip.translations.copy()
+    translations[:, 0] += aside
+    return replace(clip, translations=translations)
+
+
 def as_clip(clip: Clip, local: Float[np.ndarray, "frames joints 4 4"]) -> Clip:
     """Put local transforms back into a clip's parts, neighbouring quaternions on one side."""
     translations, rotations, scales = decompose_transforms(local)

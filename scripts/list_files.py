@@ -10,7 +10,8 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 ORDER = (
     *("types", "rotations", "skinning", "meshes", "spectral", "graphs"),
-    *("proxy", "matching", "registration", "weights", "skeletons", "reposing", "retargeting"),
+    *("proxy", "matching", "registration", "weights", "skeletons", "reposing"),
+    *("depth", "curves", "bones", "embedding", "retargeting"),
     *("humanoids", "routes", "formats", "builtin", "evaluate", "cli"),
 )  # the layers, lowest first; whatever is not named comes last
 BEGIN, END = "<!-- files: scripts/list_files.py -->\n```\n", "```\n<!-- end of files -->"

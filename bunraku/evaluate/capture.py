@@ -102,7 +102,8 @@ def find_tasks(
     """
     for parent, paths in rigged_files(folder).items():
         family = parent.relative_to(folder).as_posix()
-        for path, member in read_members(paths).items():
+        likely = [path for path in paths if may_hold(f"{family}/{path.stem}:", names)]
+        for path, member in read_members(likely).items():
             if not len(member.character.mesh.faces):  # bones alone
                 continue
             clips = {n: c for n, c in plain_names(member.character.clips).items() if moves(c)}
@@ -112,6 +113,12 @@ def find_tasks(
                     full = f"{family}/{path.stem}:{name}:{camera}".lower()
                     if not names or any(part.lower() in full for part in names):
                         yield Task(family, member, clips[name], name, camera, frames)
+
+
+def may_hold(name: str, parts: Sequence[str]) -> bool:
+    """Tell whether a character may have a wanted row, by what stands before the first colon."""
+    heads = [part.partition(":")[0].lower() for part in parts if ":" in part]
+    return len(heads) < len(parts) or not parts or any(head in name.lower() for head in heads)
 
 
 def moves(clip: Clip) -> bool:

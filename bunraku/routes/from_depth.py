@@ -10,7 +10,13 @@ from threadpoolctl import threadpool_limits
 
 from bunraku.embedding import MOST_MISFIT, Embedding, embed, spread_weights
 from bunraku.proxy import Proxy, build_proxy, lift_weights
-from bunraku.retargeting import plan_embedded, retarget_clip, skeleton_of, turned_frames
+from bunraku.retargeting import (
+    plan_embedded,
+    retarget_clip,
+    skeleton_of,
+    start_above,
+    turned_frames,
+)
 from bunraku.rotations import invert_rigid
 from bunraku.routes.capturing import Capture, capture_performer
 from bunraku.routes.timing import Stopwatch
@@ -68,7 +74,8 @@ def animate_from_depth(
     heading, turns = embedding.heading, embedding.turns
     plan = plan_embedded(source, embedding.joints, turns, heading, embedding.scale)
     bind = turned_frames(source, embedding.joints, heading @ turns)
-    clips = tuple(retarget_clip(clip, plan) for clip in performer.clips)
+    carried = (retarget_clip(clip, plan) for clip in performer.clips)
+    clips = tuple(start_above(clip, embedding.joints[0]) for clip in carried)
     skin = Skin(weights, invert_rigid(bind))
     return DepthTransfer(
         *(target, embedding, Character(figure, skeleton_of(source, bind), skin, clips)),
