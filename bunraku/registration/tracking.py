@@ -29,6 +29,7 @@ from bunraku.rotations import matrices_to_vectors, vectors_to_matrices
 
 Points = Float[np.ndarray, "points 3"]
 FEWEST_FREE = 10  # vertices without depth of their own that unexplained depth may pull
+FEWEST_TRIED = 8  # frames of a video in which another than the first may be better to start from
 MUCH_NEARER = 0.7  # of the first frame's error: where another frame must get to be preferred
 Progress = Callable[[int, int], None]
 
@@ -130,6 +131,8 @@ def choose_reference(
     Args:
         tried: how many frames.
     """
+    if len(views) < FEWEST_TRIED:
+        return 0
     lengths = np.array([outline_length(view, intrinsics) for view in views])
     candidates = [0]
     apart = max(1, len(views) // 8)

@@ -1,6 +1,7 @@
 """Turn a depth video into a rigged performer ([T4D] Maheshwari et al. 2023, "Transfer4D")."""
 
 import logging
+import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +14,7 @@ from bunraku.bones.splitting import Bones, make_bones, merge_bones, split_curves
 from bunraku.curves import CurveSkeleton, extract_curves
 from bunraku.depth.meshing import View
 from bunraku.depth.subject import view_subject
-from bunraku.registration.tracking import Settings, Track, choose_reference, track
+from bunraku.registration.tracking import Progress, Settings, Track, choose_reference, track
 from bunraku.routes.timing import Stopwatch
 from bunraku.types import Character, DepthVideo
 
@@ -57,7 +58,7 @@ def capture_performer(video: DepthVideo, *, settings: Settings | None = None) ->
     reference = choose_reference(seen.views, *camera, settings=settings)
 
     watch.begin("tracking")
-    followed = track(seen.views, reference, *camera, settings=settings, progress=report_progress)
+    followed = track(seen.views, reference, *camera, settings=settings, progress=announce_frames())
     eye = -standing_place(followed.places[followed.reference])
     paths, faces = followed.places + eye, seen.views[followed.reference].faces
     rest = paths[followed.reference]
@@ -81,6 +82,12 @@ def capture_performer(video: DepthVideo, *, settings: Settings | None = None) ->
     )
 
 
-def report_progress(done: int, count: int) -> None:
-    """Say how far the tracking is."""
-    logger.info("tracking %d/%d", done, count)
+def announce_frames() -> Progress:
+    """Say how far the tracking is, and how fast."""
+    began = time.perf_counter()
+
+    def announce(done: int, count: int) -> None:
+        rate = done / max(time.perf_counter() - began, 1e-9)
+        logger.info("tracking %d/%d, %.1f frames/s", done, count, rate)
+
+    return announce

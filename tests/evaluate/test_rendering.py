@@ -31,7 +31,9 @@ def test_a_plate_is_seen_at_its_depth_where_it_projects(plate):
     rows, columns = np.nonzero(seen)
     places = np.einsum("pc,pca->pa", shares[seen], vertices[faces[face[seen]]])
     pixels = project_points(places, default_intrinsics())
-    np.testing.assert_allclose(pixels, np.column_stack([columns, rows]), atol=1e-3)
+    np.testing.assert_allclose(
+        pixels, np.column_stack([columns, rows]), atol=0.01
+    )  # rays are single precision
     cosine = ray_cosines(vertices, faces, face, default_intrinsics())
     assert cosine[240, 320] == pytest.approx(1.0, abs=1e-4) and cosine[0, 0] == 0.0
 
@@ -67,7 +69,7 @@ def test_truth_follows_the_surface(film):
     pixels = np.argwhere(face >= 0)[::50]
     paths = true_paths(film, 0, pixels)
     seen = project_points(paths[0], film.video.intrinsics)
-    np.testing.assert_allclose(seen, pixels[:, ::-1], atol=1e-3)
+    np.testing.assert_allclose(seen, pixels[:, ::-1], atol=0.01)  # rays are single precision
     corners = film.faces[face[tuple(pixels[3])]]
     expected = shares[tuple(pixels[3])] @ film.places[5][corners]
     np.testing.assert_allclose(paths[5, 3], expected)
