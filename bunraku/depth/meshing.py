@@ -68,7 +68,7 @@ def denoise(depth: Depth, intrinsics: Float[np.ndarray, "3 3"], diagonal: float)
     clean = depth[box].astype(np.float32)
     for axis in (0, 1, 0, 1):
         clean = average_along(clean, axis, reach, STEP * diagonal)
-    smooth = np.zeros_like(depth)
+    smooth = np.zeros(depth.shape, np.float32)  # kept for every frame
     smooth[box] = clean
     return smooth
 

@@ -17,7 +17,7 @@ from bunraku.types import DepthVideo, FormatError
 
 logger = logging.getLogger(__name__)
 LENS_FILES = ("intrinsics.json", "intrinsic.json", "camera.json", "calibration.json")
-LARGEST_SIDE, MOST_PIXELS = 8192, 1 << 30  # of a frame; of a whole video
+LARGEST_SIDE, MOST_PIXELS = 8192, 1 << 28  # of a frame; of a whole video
 SIXTEEN_BITS = ("I;16", "I;16B", "I;16L", "I")
 Picture = Shaped[np.ndarray, "rows columns"]
 
@@ -31,7 +31,7 @@ def is_depth_folder(path: Location) -> bool:
 def frame_files(folder: Path) -> dict[int, Path]:
     """List the frames by number, in order."""
     numbered: dict[int, Path] = {}
-    for file in folder.glob("*.[pP][nN][gG]"):
+    for file in sorted(folder.glob("*.[pP][nN][gG]")):
         digits = re.findall(r"\d+", file.stem)
         if digits:
             numbered.setdefault(int(digits[-1]), file)
