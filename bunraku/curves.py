@@ -21,10 +21,9 @@ from scipy.spatial import cKDTree
 from bunraku.graphs import adjacency, edge_lengths, mesh_edges
 from bunraku.meshes import vertex_normals, weld
 
-VERTICES = 1600  # of the surface that separators are sought on
-GROW = 64  # of the multi-scale search: larger is coarser
+VERTICES = 900  # of the surface that separators are sought on
 SHORTEST = 3  # nodes of a branch (Sec. 4.2)
-LONG = 1.5  # a branch is kept if it is longer than this, in radii of its junction
+LONG = 2.0  # a branch is kept if it is longer than this, in radii of its junction
 Tree = dict[int, set[int]]
 
 
@@ -99,7 +98,8 @@ def separate(
     for first, second in mesh_edges(faces):
         surface.connect_nodes(int(first), int(second))
     with silence():
-        skeleton, mapped = gel.MSLS_skeleton_and_map(surface, GROW)
+        # neither sampled nor multi-scale: both draw numbers that no seed holds
+        skeleton, mapped = gel.LS_skeleton_and_map(surface, False)
     live = np.array(list(skeleton.nodes()), np.int64)
     nodes = np.array(skeleton.positions())
     pairs = [(node, int(other)) for node in live for other in skeleton.neighbors(int(node))]
@@ -187,7 +187,7 @@ def spurious_branches(
         # the junction itself may own nothing: the rings around it tell how thick the body is
         thick = radius[[path[-1], *tree[path[-1]]]].max()
         few = len(path) - 1 < SHORTEST
-        if length < (2.0 if few else 1.0) * LONG * thick:
+        if length < (1.5 if few else 1.0) * LONG * thick:
             found.append((length, path))
     return found
 

@@ -31,6 +31,13 @@ def test_half_a_tube_is_one_curve_near_its_axis(capfd):
     assert capfd.readouterr().out == ""
 
 
+def test_the_same_surface_gives_the_same_skeleton():
+    surface = half_tube(columns=40)
+    first, second = extract_curves(*surface), extract_curves(*surface)
+    np.testing.assert_array_equal(first.nodes, second.nodes)
+    np.testing.assert_array_equal(first.owners, second.owners)
+
+
 def test_nodes_go_to_where_the_normals_of_a_half_ring_meet():
     vertices, faces = half_tube(columns=9)
     owners = np.digitize(vertices[:, 0], np.linspace(-1, 1, 4)[1:-1])
