@@ -8,6 +8,7 @@ What the figure has and the camera did not see stays with the body it hangs on.
 
 from dataclasses import dataclass, replace
 
+import igl
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.sparse import diags
@@ -45,6 +46,7 @@ HEADINGS, MOMENTS, KEPT = 8, 8, 3  # turns and frames that are tried; fits of th
 WIDTHS = np.geomspace(0.3, 0.06, 24)  # of the robust weight, while aligning as a whole
 SEEN_SHARE = 0.5  # of a body's surface, seen from one side
 NEAR = 0.03  # distance at which surfaces count as one, in units of sqrt(area)
+INSIDE = 0.95  # share of joints inside the figure, below which the embedding is doubted
 MOST_MISFIT, DOUBTED = 1.0, 0.5  # refused; half believed
 STAGES = (
     Stage(6, 500, 0.1, 0.2, 0.5, 1e-2, 3e-2),
@@ -73,6 +75,7 @@ class Embedding:
     scale: float  # figure to performer
     misfit: float  # 0 perfect, 2 nowhere near
     matched: Float[np.ndarray, " bones"]  # share of each bone's surface that met the figure
+    inside: float  # share of joints inside the figure, or as good as
 
     @property
     def confidence(self) -> float:
@@ -86,6 +89,9 @@ class Embedding:
         lost = [f"bone{bone:02d}" for bone in np.flatnonzero(self.matched < 0.5)]
         if lost:
             told.append(f"no place on the figure was found for {', '.join(lost)}")
+        if self.inside < INSIDE:
+            outside = f"{1 - self.inside:.0%} of the joints lie outside the figure"
+            told.append(f"{outside}: the result may be worse than standing still")
         if self.misfit > DOUBTED:
             fit = f"misfit {self.misfit:.2f}, confidence {self.confidence:.2f}"
             told.append(f"the figure fits the performer poorly ({fit}): look at the result")
@@ -118,7 +124,18 @@ def embed(performer: Character, bones: Bones, figure: Mesh) -> Embedding:
         best.whole.scale * unit / own_unit,
         seen_misfit(puppet, best, surface),
         hits / np.maximum(owned, 1),
+        share_inside(anchors, surface),
     )
+
+
+def share_inside(
+    joints: Float[np.ndarray, "joints 3"], surface: Surface, *, near: float = 0.02
+) -> float:
+    """Give the share of joints inside a closed surface, or nearer to it than `near`."""
+    joints = np.ascontiguousarray(joints)
+    winding = igl.fast_winding_number(surface.vertices, surface.faces, joints)
+    _, _, away = closest_points(joints, surface.vertices, surface.faces)
+    return float(((winding > 0.5) | (away < near)).mean())
 
 
 @dataclass(frozen=True, eq=False)

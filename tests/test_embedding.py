@@ -3,7 +3,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bunraku.embedding import Embedding, best_similarity, heading_turns, spread_weights
+from bunraku.embedding import (
+    Embedding,
+    best_similarity,
+    heading_turns,
+    share_inside,
+    spread_weights,
+)
+from bunraku.registration.correspondence import make_surface
 from bunraku.rotations import vectors_to_matrices
 from bunraku.types import Mesh
 
@@ -19,6 +26,12 @@ def test_a_similarity_is_found_again(rng):
     np.testing.assert_allclose(found.rotation, turn, atol=1e-9)
     np.testing.assert_allclose(found.shift, shift, atol=1e-9)
     assert found.scale == pytest.approx(1.3)
+
+
+def test_joints_inside_or_nearly_so_are_counted(cube):
+    surface = make_surface(cube.vertices, cube.faces)
+    joints = np.array([[0.5, 0.5, 0.5], [0.5, 0.5, 1.01], [0.5, 0.5, 1.5], [9.0, 0, 0]])
+    assert share_inside(joints, surface) == 0.5
 
 
 def test_headings_are_turns_about_the_vertical():
@@ -41,6 +54,7 @@ def test_weights_are_the_seen_ones_where_seen_and_spread_elsewhere(capture, film
         1.0,
         0.0,
         np.ones(bones),
+        1.0,
     )
     weights, met = spread_weights(performer, exact, figure)
     np.testing.assert_allclose(weights.sum(axis=1), 1.0)
@@ -52,6 +66,7 @@ def test_weights_are_the_seen_ones_where_seen_and_spread_elsewhere(capture, film
     agree = np.abs(weights[met][:200] - performer.skin.weights[nearest]).sum(axis=1)
     assert np.median(agree) < 0.2
     assert exact.confidence == 1.0 and exact.doubts == ()
-    lost = replace(exact, matched=np.eye(bones)[0], misfit=0.8)
-    assert "bone01" in lost.doubts[0] and "poorly" in lost.doubts[1]
+    lost = replace(exact, matched=np.eye(bones)[0], misfit=0.8, inside=0.5)
+    assert "bone01" in lost.doubts[0] and "poorly" in lost.doubts[2]
+    assert "50% of the joints lie outside" in lost.doubts[1]
     assert lost.confidence < 0.2

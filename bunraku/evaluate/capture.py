@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import igl
 import numpy as np
 from jaxtyping import Float
 from rich.table import Table
@@ -21,8 +20,6 @@ from bunraku.evaluate import metrics
 from bunraku.evaluate.families import Member, choose_clips, plain_names, read_members, rigged_files
 from bunraku.evaluate.rendering import VIEWS, Film, film_character, true_paths
 from bunraku.evaluate.results import make_table
-from bunraku.meshes import weld
-from bunraku.proxy import build_proxy
 from bunraku.routes.from_depth import Capture, animate_from_depth, capture_performer
 from bunraku.skinning import play_clip
 from bunraku.types import Character, Clip, Mesh
@@ -154,9 +151,8 @@ def measure(task: Task) -> Row:
     seconds = time.perf_counter() - started
     frames = at_times(moved.character, film.video.times)
     row = replace(row, **compare(frames, film, ""))
-    inside = share_inside(moved.character, figure)
     warned = bool(capture.warnings or moved.warnings)
-    return replace(row, embedded=inside, seconds=seconds, warned=warned)
+    return replace(row, embedded=moved.embedding.inside, seconds=seconds, warned=warned)
 
 
 def compare(frames: Frames, film: Film, kind: str) -> dict[str, Any]:
@@ -190,17 +186,6 @@ def judge_track(capture: Capture, film: Film) -> dict[str, Any]:
         "residual_static": float(track.still.mean()),
         "tracking_seconds": capture.seconds["tracking"] / max(1, len(capture.times)),
     }
-
-
-def share_inside(moved: Character, figure: Mesh) -> float:
-    """Give the share of joints inside the figure, or nearer to it than a hundredth of its size."""
-    joints = np.linalg.inv(moved.skin.inverse_bind)[:, :3, 3].copy()
-    welded, faces, _ = weld(figure.vertices, figure.faces)
-    body = build_proxy(welded, faces).mesh
-    winding = igl.fast_winding_number(body.vertices, body.faces, joints)
-    away = np.sqrt(igl.point_mesh_squared_distance(joints, body.vertices, body.faces)[0])
-    near = 0.01 * float(np.linalg.norm(np.ptp(figure.vertices, axis=0)))
-    return float(((winding > 0.5) | (away < near)).mean())
 
 
 def describe(row: Row) -> str:

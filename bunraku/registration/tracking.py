@@ -30,6 +30,7 @@ from bunraku.rotations import matrices_to_vectors, vectors_to_matrices
 Points = Float[np.ndarray, "points 3"]
 FEWEST_FREE = 10  # vertices without depth of their own that unexplained depth may pull
 FEWEST_TRIED = 8  # frames of a video in which another than the first may be better to start from
+DOUBTFUL = 0.35  # share of standing still's error, from which on another start is tried
 MUCH_NEARER = 0.7  # of the first frame's error: where another frame must get to be preferred
 Progress = Callable[[int, int], None]
 
@@ -64,6 +65,11 @@ class Track:
     visible: Bool[np.ndarray, "frames vertices"]
     residuals: Float[np.ndarray, " frames"]  # mean distance of depth to the surface, metres
     still: Float[np.ndarray, " frames"]  # the same for a surface that does not move
+
+    @property
+    def doubtful(self) -> bool:
+        """Tell whether depth is so far from the surface that another start may do better."""
+        return bool(self.residuals.mean() > DOUBTFUL * self.still.mean())
 
 
 @dataclass(frozen=True, eq=False)

@@ -53,12 +53,16 @@ def capture_performer(video: DepthVideo, *, settings: Settings | None = None) ->
     watch.begin("subject")
     seen = view_subject(video)
 
-    watch.begin("choosing a frame")
-    camera, settings = (video.intrinsics, seen.diagonal), settings or Settings()
-    reference = choose_reference(seen.views, *camera, settings=settings)
-
     watch.begin("tracking")
-    followed = track(seen.views, reference, *camera, settings=settings, progress=announce_frames())
+    camera, settings = (video.intrinsics, seen.diagonal), settings or Settings()
+    followed = track(seen.views, 0, *camera, settings=settings, progress=announce_frames())
+    if followed.doubtful:
+        watch.begin("choosing a frame")
+        reference = choose_reference(seen.views, *camera, settings=settings)
+        watch.begin("tracking")
+        if reference:
+            announce = announce_frames()
+            followed = track(seen.views, reference, *camera, settings=settings, progress=announce)
     eye = -standing_place(followed.places[followed.reference])
     paths, faces = followed.places + eye, seen.views[followed.reference].faces
     rest = paths[followed.reference]
