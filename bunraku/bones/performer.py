@@ -10,7 +10,7 @@ from bunraku.skinning import local_transforms
 from bunraku.types import Character, Clip, Mesh, Skeleton, Skin
 
 CLIP = "capture"
-LOST = 0.5  # tracking error, as a share of standing still's, that is doubted
+LOST = 0.33  # tracking error, as a share of standing still's, that is doubted
 STILL = 0.004  # of the diagonal: a subject that moves less stands still
 SEEN = 0.4  # share of its surface and time, below which a bone was not seen
 
