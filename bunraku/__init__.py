@@ -6,8 +6,8 @@
     bunraku.write("hero.glb", result)
 
 The functions are the commands of the command line, with the same options: `animate`, `rig`,
-`repose`, `inspect`, `batch`; `read` and `write` are its files. A `Result` keeps every stage.
-What a function needs is imported when it is first asked for.
+`repose`, `capture`, `inspect`, `batch`; `read` and `write` are its files. A `Result` keeps every
+stage. What a function needs is imported when it is first asked for.
 """
 
 from importlib import import_module
@@ -21,12 +21,14 @@ if TYPE_CHECKING:
     from bunraku.formats import read_figure as read
     from bunraku.types import FormatError, MatchError
     from bunraku.verbs.animating import animate, repose, rig
+    from bunraku.verbs.filming import Film, capture
     from bunraku.verbs.performing import read_performer
     from bunraku.verbs.results import Result
     from bunraku.verbs.writing import write
 
 __version__ = "0.1.0"
 __all__ = [
+    "Film",
     "FormatError",
     "Job",
     "MatchError",
@@ -34,6 +36,7 @@ __all__ = [
     "Result",
     "animate",
     "batch",
+    "capture",
     "inspect",
     "read",
     "read_performer",
@@ -48,7 +51,9 @@ _HOMES = {
     "Job": "bunraku.batching.jobs",
     "Record": "bunraku.batching.records",
     "animate": "bunraku.verbs.animating",
+    "Film": "bunraku.verbs.filming",
     "batch": "bunraku.batching.batches",
+    "capture": "bunraku.verbs.filming",
     "inspect": "bunraku.formats",
     "read": "bunraku.formats:read_figure",
     "read_performer": "bunraku.verbs.performing",

@@ -17,6 +17,7 @@ class Code(Enum):
 
     INPUT = "something else is wrong with the input; the message says what"
     OPTION = "an option's value is not one of those that are possible"
+    EXTRA_MISSING = "an optional package is needed: the message says how to install it"
     DATA = "evaluation data are missing, or are not what the table wants"
 
     FILE_MISSING = "there is no such file or folder: check its name"
@@ -99,6 +100,11 @@ class Code(Enum):
     BVH_COUNT = "there are fewer frames, or numbers in a frame, than the file says"
     BVH_FRAME_TIME = "the frame time is no number of seconds above 0"
     BVH_JOINTS = "joints share a name, have several roots or end without an end site"
+
+    DEPTH_FRAMES = "depth frames are missing, of several sizes, no 16-bit pictures, or have gaps"
+    DEPTH_INTRINSICS = "the lens of a depth camera is missing, or impossible: fx, fy, cx, cy, scale"
+    DEPTH_MASK = "masks of the subject are missing for some frames, or of another size"
+    DEPTH_SUBJECT = "no moving subject can be told from the scene, or it is out of sight"
 
     JOBS = "a list of jobs is no table with a figure a line, or a job's options are wrong"
 

@@ -5,7 +5,7 @@ import math
 import igl
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.sparse import coo_matrix
+from scipy.sparse import coo_matrix, csr_array
 from scipy.sparse.csgraph import connected_components
 
 
@@ -48,6 +48,16 @@ def sum_at_vertices(
         for column in columns.T
     ]
     return np.stack(sums, axis=1, dtype=np.float64).reshape(count, *values.shape[1:])
+
+
+def sum_rows(
+    place: Int[np.ndarray, " rows"], values: Float[np.ndarray, "rows *values"], count: int
+) -> Float[np.ndarray, "count *values"]:
+    """Add up the rows that go to the same place."""
+    starts = np.arange(len(place) + 1)
+    ones = csr_array((np.ones(len(place)), place, starts), shape=(len(place), count))
+    summed: np.ndarray = ones.T @ values.reshape(len(values), math.prod(values.shape[1:]))
+    return summed.reshape(count, *values.shape[1:])
 
 
 def vertex_normals(

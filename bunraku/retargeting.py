@@ -117,6 +117,30 @@ def plan_retarget(
     return stand_floor_joints(body, reposed, stood)
 
 
+def plan_embedded(
+    source: Skeleton,
+    joints: Float[np.ndarray, "joints 3"],
+    turns: Float[np.ndarray, "joints 3 3"],
+    heading: Float[np.ndarray, "3 3"],
+    scale: float,
+) -> Retarget:
+    """Plan for a figure that a skeleton was embedded in: its bones turn back to the source's rest.
+
+    Args:
+        source: the performer's skeleton.
+        joints: their places in the figure as found.
+        turns: of each joint from the source's rest to the figure, before the heading.
+        heading: turn of the performer as a whole.
+        scale: figure to performer.
+    """
+    places = joints.copy()
+    for joint, parent in enumerate(source.parents):
+        if parent != NO_PARENT:
+            bone = joints[joint] - joints[parent]
+            places[joint] = places[parent] + turns[parent].T @ heading.T @ bone
+    return Retarget(source, places, source.parents, scale, heading)
+
+
 def stand_floor_joints(body: Body, reposed: Reposed, plan: Retarget) -> tuple[Retarget, Reposed]:
     """Put the joints above the hips, which move next to no surface, where the source has them.
 
@@ -263,6 +287,14 @@ def length_ratio(
     if length < 1e-4:
         return otherwise
     return float(np.clip(np.linalg.norm(own) / length, 0.25 * otherwise, 4.0 * otherwise))
+
+
+def start_above(clip: Clip, place: Float[np.ndarray, "3"]) -> Clip:
+    """Move a clip along the ground so that its root starts above or below a place."""
+    aside = (place - clip.translations[0, 0]) * [1.0, 0.0, 1.0]
+    translations = clip.translations.copy()
+    translations[:, 0] += aside
+    return replace(clip, translations=translations)
 
 
 def as_clip(clip: Clip, local: Float[np.ndarray, "frames joints 4 4"]) -> Clip:

@@ -12,7 +12,7 @@ nodes' default transforms.
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from bunraku.errors import Code
 
@@ -169,3 +169,23 @@ class Figure:
 
     def __post_init__(self) -> None:
         check_shape("pieces", self.pieces, (len(self.mesh.vertices),), "one per vertex")
+
+
+@dataclass(frozen=True, eq=False)
+class DepthVideo:
+    """What one still camera saw of one moving subject, as distances along its axis."""
+
+    path: str
+    times: Float[np.ndarray, " frames"]  # seconds, rising
+    depths: Float[np.ndarray, "frames rows columns"]  # metres; 0 where nothing was measured
+    intrinsics: Float[np.ndarray, "3 3"]  # pixels_from_camera, K
+    masks: Bool[np.ndarray, "frames rows columns"] | None = None  # where the subject is, if known
+
+    def __post_init__(self) -> None:
+        check_shape("times", self.times, (len(self.depths),), "one per depth frame")
+        check_shape("intrinsics", self.intrinsics, (3, 3), "the camera's matrix K")
+        check_finite("intrinsics", self.intrinsics)
+        if len(self.times) < 1 or (np.diff(self.times) <= 0).any():
+            raise ValueError("a depth video needs at least one frame, and rising times")
+        if self.masks is not None:
+            check_shape("masks", self.masks, self.depths.shape, "one pixel per depth")

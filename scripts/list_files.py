@@ -11,8 +11,8 @@ ROOT = Path(__file__).parents[1]
 ORDER = (
     *("types", "errors", "limits", "rotations", "skinning", "meshes", "spectral", "graphs"),
     *("proxy", "matching", "registration", "weights", "skeletons", "reposing", "standing"),
-    *("retargeting", "contacts", "humanoids", "routes", "formats", "builtin", "evaluate"),
-    *("verbs", "batching", "cli", "studio"),
+    *("depth", "curves", "bones", "embedding", "retargeting", "contacts", "humanoids", "routes"),
+    *("formats", "builtin", "evaluate", "verbs", "batching", "cli", "studio"),
 )  # the layers, lowest first; whatever is not named comes last
 BEGIN, END = "<!-- files: scripts/list_files.py -->\n```\n", "```\n<!-- end of files -->"
 WIDTH = 28

@@ -5,7 +5,9 @@ import jaxtyping
 import numpy as np
 import pytest
 
+from bunraku.evaluate.rendering import Film, film_character
 from bunraku.registration.body import Body, wrap_character
+from bunraku.routes.from_depth import Capture, capture_performer
 from bunraku.skinning import forward_kinematics
 from bunraku.types import Character, Mesh, Skeleton, Skin
 from tests.creatures import make_creature
@@ -68,3 +70,15 @@ def creature() -> Character:
 def body(creature: Character) -> Body:
     """The creature wrapped in its proxy."""
     return wrap_character(creature)
+
+
+@pytest.fixture(scope="session")
+def film(creature: Character) -> Film:
+    """The creature's wave, filmed from three quarters: 18 noisy frames with their truth."""
+    return film_character(creature, creature.clips[0], turn=40.0, most_frames=18)
+
+
+@pytest.fixture(scope="session")
+def capture(film: Film) -> Capture:
+    """The creature as captured from that film."""
+    return capture_performer(film.video)

@@ -172,3 +172,10 @@ def test_scaling_to_unit_area_and_back(creature):
     assert np.isclose(meshes.surface_area(unit, faces), 1.0)
     np.testing.assert_allclose(unit.mean(axis=0), 0, atol=1e-12)
     np.testing.assert_allclose(unit * scale + centre, vertices, atol=1e-12)
+
+
+def test_rows_are_summed_by_place(rng):
+    place, values = np.array([2, 0, 2, 2]), rng.normal(size=(4, 5))
+    sums = meshes.sum_rows(place, values, 3)
+    np.testing.assert_allclose(sums[2], values[[0, 2, 3]].sum(axis=0))
+    np.testing.assert_allclose(sums[1], 0.0)

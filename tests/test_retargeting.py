@@ -19,10 +19,12 @@ from bunraku.retargeting import (
     heading_frames,
     length_ratio,
     place_in_frame,
+    plan_embedded,
     plan_retarget,
     retarget_clip,
     skeleton_of,
     stand_floor_joints,
+    start_above,
     turned_frames,
 )
 from bunraku.rotations import compose_transforms, rotation_angles, vectors_to_matrices
@@ -380,3 +382,30 @@ def test_a_stout_figure_holds_its_arms_away():
         before = inside_share(frames, arm, stout)
         after = inside_share(swing_arm(frames, rest, arm, angle), arm, stout)
         assert after < 0.5 * before
+
+
+def test_an_embedded_skeleton_turned_in_the_figure_is_turned_back(creature):
+    """A figure that stands as the source does at one moment, turned left, twice the size, aside."""
+    clip, skeleton = creature.clips[0], creature.skeleton
+    rest = forward_kinematics(PARENTS, skeleton.rest)
+    moment = world_of(skeleton, clip)[5]
+    turns = moment[:, :3, :3] @ np.swapaxes(rest[:, :3, :3], 1, 2)
+    joints = 2 * moment[:, :3, 3] @ LEFT.T + [3.0, 0, 0]
+    planned = plan_embedded(skeleton, joints, turns, LEFT, 2.0)
+    carried = retarget_clip(clip, planned)
+    frames = forward_kinematics(PARENTS, clip_transforms(carried))
+    truth = world_of(skeleton, clip)
+    expected = 2 * truth[..., :3, 3] @ LEFT.T
+    shift = frames[0, 0, :3, 3] - expected[0, 0]
+    np.testing.assert_allclose(frames[..., :3, 3], expected + shift, atol=1e-9)
+    np.testing.assert_allclose(frames[..., :3, :3], LEFT @ truth[..., :3, :3], atol=1e-9)
+
+
+def test_a_clip_starts_above_a_place_and_keeps_its_height(creature):
+    clip = creature.clips[0]
+    moved = start_above(clip, np.array([7.0, 100.0, -2.0]))
+    np.testing.assert_allclose(moved.translations[0, 0, [0, 2]], [7.0, -2.0])
+    np.testing.assert_array_equal(moved.translations[:, 0, 1], clip.translations[:, 0, 1])
+    np.testing.assert_allclose(
+        np.diff(moved.translations, axis=0), np.diff(clip.translations, axis=0), atol=1e-12
+    )

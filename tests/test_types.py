@@ -1,7 +1,16 @@
 import numpy as np
 import pytest
 
-from bunraku.types import Character, Clip, Figure, FormatError, Mesh, Skeleton, Skin
+from bunraku.types import (
+    Character,
+    Clip,
+    DepthVideo,
+    Figure,
+    FormatError,
+    Mesh,
+    Skeleton,
+    Skin,
+)
 
 
 def still(name: str, joints: int, *, times: tuple[float, ...] = (0.0, 0.5)) -> Clip:
@@ -132,3 +141,18 @@ def test_character_needs_clips_of_its_own_joints(arm, arm_skin):
 def test_figure_needs_one_piece_number_per_vertex(cube):
     with pytest.raises(ValueError, match=r"pieces must have shape \(8,\) \(one per vertex\)"):
         Figure("cube.obj", cube, np.zeros(7, np.int64))
+
+
+def test_a_depth_video_is_checked_once(as_user):
+    depths, lens = np.ones((3, 4, 5)), np.eye(3)
+    times = np.array([0.0, 0.1, 0.2])
+    assert DepthVideo("x", times, depths, lens).masks is None
+    for wrong, words in (
+        ((times[:2], depths, lens, None), "times must have shape"),
+        ((times[::-1], depths, lens, None), "rising times"),
+        ((times, depths, lens[:2], None), "intrinsics must have shape"),
+        ((times, depths, np.full((3, 3), np.nan), None), "intrinsics must be finite"),
+        ((times, depths, lens, np.ones((3, 4, 4), bool)), "masks must have shape"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            DepthVideo("x", *wrong)

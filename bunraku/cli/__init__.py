@@ -14,6 +14,7 @@ from bunraku.cli.options import (
     ClipOption,
     ClusterOption,
     ContactsOption,
+    DepthArgument,
     EngineOption,
     FacingOption,
     FigureArgument,
@@ -60,7 +61,8 @@ def root(version: VersionOption = None) -> None:
 @app.command(
     epilog="Examples: bunraku animate hero.obj -o hero.glb   |   "
     "bunraku animate hero.glb --with knight.glb --clip Walk --clip Idle -o moving.glb   |   "
-    "bunraku animate hero.glb --with dance.bvh -o dancing.glb --report dancing.json"
+    "bunraku animate hero.glb --with dance.bvh -o dancing.glb --report dancing.json   |   "
+    "bunraku animate hero.glb --with recording/ -o hero-moves.glb"
 )
 def animate(
     figure: FigureArgument,
@@ -170,6 +172,21 @@ def repose(
             force=force,
         )
         bunraku.write(out, rested)
+
+
+@app.command(epilog="Example: bunraku capture recording/ -o performer.glb")
+def capture(folder: DepthArgument, out: OutOption, report: ReportOption = None) -> None:
+    """Turn a depth video into a rigged performer: what was seen of it, a skeleton, its motion."""
+    import bunraku
+    from bunraku.cli import steps
+
+    steps.check_output(out, [".glb"], inputs=[folder])
+    steps.check_output(report, [".json"], inputs=[folder, out])
+    with steps.working(folder):
+        captured = bunraku.capture(folder)
+        bunraku.write(out, captured)
+        if report:
+            bunraku.write(report, captured)
 
 
 @app.command("inspect", epilog=f"Example: bunraku inspect knight.glb --json   |   {SUMMARY}")

@@ -10,6 +10,7 @@ import typer
 
 from bunraku.cli.failures import printing_warnings
 from bunraku.cli.options import (
+    ClipsOption,
     DataOption,
     JsonOption,
     LimitOption,
@@ -80,6 +81,38 @@ def retarget_table(
         )
     tables = [retarget.tabulate(rows)] * bool(rows) + [across.tabulate(others)] * bool(others)
     finish(tables, [*rows, *others], json)
+
+
+@evaluate.command(
+    "capture",
+    epilog="Examples: bunraku evaluate capture --data shared/data --limit 12   |   "
+    "bunraku evaluate capture --pairs Fox:walk --state rows.jsonl --json table.json",
+)
+def capture_table(
+    data: DataOption = None,
+    pairs: ClipsOption = None,
+    limit: LimitOption = None,
+    thorough: ThoroughOption = False,
+    state: StateOption = None,
+    json: JsonOption = None,
+) -> None:
+    """Film characters with a depth camera, capture them, and let them move themselves."""
+    from bunraku.cli.steps import check_output
+    from bunraku.evaluate import capture
+    from bunraku.evaluate.results import group_by_family, sample
+    from bunraku.types import FormatError
+
+    check_output(json, [".json"], inputs=[])
+    check_output(state, [], inputs=[json])
+    folder, names = find_data(data), pairs or ()
+    tasks = capture.find_tasks(folder, names=names, clip_count=3 if thorough else 1)
+    with printing_warnings(folder):
+        chosen = sample(group_by_family(tasks), limit)
+        rows = print_rows(chosen, capture.measure, capture.describe, kind=capture.Row, state=state)
+    if not rows:
+        wanted = "such clips" if names else "characters that move"
+        raise FormatError(folder, "", f"holds no {wanted}; give another folder or other --pairs")
+    finish([capture.tabulate(rows)], rows, json)
 
 
 @evaluate.command("weights", epilog="Example: bunraku evaluate weights --data shared/data/weights")

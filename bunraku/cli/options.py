@@ -34,13 +34,21 @@ FigureArgument = Annotated[
         show_default=False,
     ),
 ]
+DepthArgument = Annotated[
+    Path,
+    typer.Argument(
+        metavar="DEPTH_FOLDER",
+        help="NNNN.png in 16 bits, intrinsics.json, and mask/NNNN.png if you have them.",
+        show_default=False,
+    ),
+]
 WithOption = Annotated[
     Path | None,
     typer.Option(
         "--with",
         metavar="PERFORMANCE",
-        help="A rigged character (.glb .gltf .vrm), or a motion (.bvh) for the built-in human. "
-        "Without it: the built-in human and its clips.",
+        help="A rigged character (.glb .gltf .vrm), a folder of depth frames, or a motion (.bvh) "
+        "for the built-in human. Without it: the built-in human and its clips.",
         show_default=False,
     ),
 ]
@@ -129,6 +137,12 @@ JsonOption = Annotated[
 PairsOption = Annotated[
     list[str] | None,
     typer.Option("--pairs", metavar="TEXT", help="Only rows with this in 'folder/Source>Target'."),
+]
+ClipsOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--pairs", metavar="TEXT", help="Only rows with this in 'folder/Character:clip:camera'."
+    ),
 ]
 LimitOption = Annotated[
     int | None, typer.Option("--limit", min=1, help="At most so many rows, from every family.")

@@ -112,6 +112,26 @@ def align_rigidly(vertices: Points, truth: Points) -> Points:
     return turned + (truth - turned).mean(axis=-2, keepdims=True)
 
 
+def reconstruction_error(vertices: Points, truth: Points) -> float:
+    """Give RE, the root mean square distance of vertices from the truth, over all frames.
+
+    Scale figures to a bounding-box diagonal of 2, and print the error of a frozen figure beside it.
+
+    Reference:
+        Maheshwari et al. 2023, supplement, Eq. 14.
+    """
+    return float(np.sqrt(((vertices - truth) ** 2).sum(axis=-1).mean()))
+
+
+def local_pose_error(vertices: Points, truth: Points) -> float:
+    """Give LPE: the same after each frame is turned and moved as a whole to fit the truth (Eq. 15).
+
+    Reference:
+        Maheshwari et al. 2023, supplement, Eq. 15.
+    """
+    return reconstruction_error(align_rigidly(vertices, truth), truth)
+
+
 def rest_pose_error(
     vertices: Float[np.ndarray, "vertices 3"],
     truth: Float[np.ndarray, "vertices 3"],

@@ -12,9 +12,12 @@ from bunraku.evaluate import metrics
 from bunraku.evaluate.families import play_at
 from bunraku.graphs import mesh_edges
 from bunraku.meshes import connected_parts, weld
+from bunraku.routes.from_depth import Capture, DepthTransfer
 from bunraku.routes.from_rig import RigTransfer
 from bunraku.skinning import clip_transforms, forward_kinematics
 from bunraku.types import Character, Clip, Mesh, Skin
+
+Transfer = RigTransfer | DepthTransfer
 
 
 @dataclass(frozen=True)
@@ -28,7 +31,7 @@ class ClipReport:
     foot_slide_m: float  # metres per second of contact
     penetration_fraction: float
     foot_slide_source_m: float  # the source's own, at the scale at which the figure travels
-    penetration_source_fraction: float
+    penetration_source_fraction: float | None  # None where the source is seen from one side only
 
 
 def report_transfer(
@@ -48,39 +51,49 @@ def report_transfer(
         transfer: what the route gave.
         total_seconds: from the start of the command, reading included.
     """
-    moved = transfer.character
-    mesh, weights = moved.mesh, moved.skin.weights
     return {
         "bunraku": __version__,
         "route": "from_rig",
-        "figure": {
-            "path": figure_path,
-            "vertices": len(mesh.vertices),
-            "faces": len(mesh.faces),
-            "parts": count_parts(mesh),
-            "height": metrics.figure_height(mesh.vertices),
-        },
+        "figure": describe_figure(figure_path, transfer.character.mesh),
         "performance": {**performance, "joints": len(source.skeleton.names)},
         "seconds": {"total": total_seconds, **transfer.seconds},
         "confidence": transfer.confidence,
         "warnings": list(transfer.warnings),
         "map": {"mirrored": transfer.mirrored, "score": transfer.score},
-        "skin": {
-            "influences_max": int((weights > 0).sum(axis=1).max(initial=0)),
-            "unweighted_vertices": int((weights.sum(axis=1) == 0).sum()),
-        },
+        "skin": describe_skin(transfer.character.skin),
         "clips": [asdict(clip) for clip in describe_clips(source, transfer)],
     }
 
 
-def describe_clips(source: Character, transfer: RigTransfer) -> Iterator[ClipReport]:
+def describe_figure(path: str, mesh: Mesh) -> dict[str, object]:
+    """Say which figure was moved; its height is in the file's unit."""
+    return {
+        "path": path,
+        "vertices": len(mesh.vertices),
+        "faces": len(mesh.faces),
+        "parts": count_parts(mesh),
+        "height": metrics.figure_height(mesh.vertices),
+    }
+
+
+def describe_skin(skin: Skin) -> dict[str, object]:
+    """Say how many joints move a vertex at most, and how many vertices none moves."""
+    return {
+        "influences_max": int((skin.weights > 0).sum(axis=1).max(initial=0)),
+        "unweighted_vertices": int((skin.weights.sum(axis=1) == 0).sum()),
+    }
+
+
+def describe_clips(source: Character, transfer: Transfer) -> Iterator[ClipReport]:
     """Measure every clip that was carried over."""
     moved = transfer.character
     clips = {clip.name: clip for clip in source.clips}
     sample, ends = sample_edges(moved)
     own = tuple(clips.get(carried.name, carried) for carried in moved.clips)
     entered = _penetration(moved, moved.clips, transfer.target_proxy.mesh)
-    before = _penetration(source, own, transfer.source_proxy.mesh)
+    before = np.full(len(own), np.nan)  # of a performer seen from one side nobody knows
+    if isinstance(transfer, RigTransfer):
+        before = _penetration(source, own, transfer.source_proxy.mesh)
     for clip, carried, ours, theirs in zip(own, moved.clips, entered, before, strict=True):
         frames = play_at(sample, carried, np.linspace(0, 1, 8))
         yield ClipReport(
@@ -91,7 +104,7 @@ def describe_clips(source: Character, transfer: RigTransfer) -> Iterator[ClipRep
             slide_of_clip(source, moved, clip, carried),
             float(ours),
             transfer.plan.scale * slide_of_clip(source, source, clip, clip),
-            float(theirs),
+            None if np.isnan(theirs) else float(theirs),
         )
 
 
@@ -161,3 +174,62 @@ def joint_paths(character: Character, clip: Clip) -> Float[np.ndarray, "frames j
     """Follow every joint through a clip, in metres."""
     world = forward_kinematics(character.skeleton.parents, clip_transforms(clip))
     return world[..., :3, 3].copy()
+
+
+def report_capture(path: str, capture: Capture, *, total_seconds: float) -> dict[str, object]:
+    """Gather what a depth video gave: how well it was followed, and what was seen.
+
+    Args:
+        path: the video's folder as the user named it.
+        capture: what the route gave.
+        total_seconds: from the start of the command, reading included.
+    """
+    seen, bones = capture.track.visible, capture.bones.owners
+    names = capture.character.skeleton.names
+    shares = [float(seen[:, bones == bone].mean()) for bone in range(len(names))]
+    return {
+        "bunraku": __version__,
+        "route": "from_depth",
+        "performance": {
+            "path": path,
+            "frames": len(capture.times),
+            "reference_frame": capture.track.reference,
+            "diagonal": capture.diagonal,
+            "joints": len(names),
+        },
+        "seconds": {"total": total_seconds, **capture.seconds},
+        "warnings": list(capture.warnings),
+        "tracking_error_m": [float(error) for error in capture.track.residuals],
+        "seen": dict(zip(names, shares, strict=True)),
+    }
+
+
+def report_depth_transfer(
+    figure_path: str,
+    performance: str,
+    capture: Capture,
+    transfer: DepthTransfer,
+    *,
+    total_seconds: float,
+) -> dict[str, object]:
+    """Gather what a depth video made of a figure.
+
+    Args:
+        figure_path: the figure's file as the user named it.
+        performance: the video's folder, likewise.
+        capture: what was captured of it.
+        transfer: what the route gave.
+        total_seconds: from the start of the command, reading included.
+    """
+    told = report_capture(performance, capture, total_seconds=total_seconds)
+    names, matched = capture.character.skeleton.names, transfer.embedding.matched.tolist()
+    return told | {
+        "figure": describe_figure(figure_path, transfer.character.mesh),
+        "seconds": {"total": total_seconds, **capture.seconds, **transfer.seconds},
+        "confidence": transfer.confidence,
+        "warnings": [*capture.warnings, *transfer.warnings],
+        "map": {"mirrored": False, "score": transfer.embedding.misfit},
+        "matched": dict(zip(names, matched, strict=True)),
+        "skin": describe_skin(transfer.character.skin),
+        "clips": [asdict(clip) for clip in describe_clips(capture.character, transfer)],
+    }

@@ -13,13 +13,14 @@ from jaxtyping import Float
 from bunraku.errors import NOTE, WARNING, Code, announce
 from bunraku.formats import gltf
 from bunraku.formats.axes import guess_up, world_from_axes
+from bunraku.formats.depth_video import frame_files, is_depth_folder, read_depth
 from bunraku.formats.files import Location, read_bytes
 from bunraku.formats.meshes import merge_pieces, read_pieces
 from bunraku.formats.reading import read_motion
 from bunraku.formats.sniffing import sniff
 from bunraku.formats.surfaces import check_surface, measure_surface
 from bunraku.skinning import forward_kinematics
-from bunraku.types import FormatError, Mesh
+from bunraku.types import DepthVideo, FormatError, Mesh
 
 Vector = tuple[float, float, float]
 SEVERITIES = {NOTE: "note", WARNING: "warning"}
@@ -74,6 +75,10 @@ class Inspection:
     clips: tuple[ClipSummary, ...] = ()
     extensions_used: tuple[str, ...] = ()
     extensions_required: tuple[str, ...] = ()
+    pixels: tuple[int, int] = (0, 0)  # width and height of depth frames
+    view_degrees: tuple[float, float] = (0.0, 0.0)  # of the depth camera, across and along
+    depth_metres: tuple[float, float] = (0.0, 0.0)  # nearest and farthest, outermost 1 % left out
+    masked: bool = False  # the subject's pixels are told
     faults: tuple[Fault, ...] = ()
 
 
@@ -186,19 +191,53 @@ def _inspect_motion(found: Inspection) -> Inspection:
 
 
 def _inspect_folder(path: Location) -> Inspection:
-    """Say what a folder of depth frames holds, by its names only."""
-    frames = sorted(Path(path).glob("*.png"))
-    if not frames or not (Path(path) / "intrinsics.json").is_file():
+    """Read a folder of depth frames whole, and say what it holds."""
+    if not is_depth_folder(path):
         raise FormatError(
             path,
             "",
             "is a folder without NNNN.png frames and intrinsics.json; give a file",
             code=Code.FILE_FOLDER,
         )
-    fault = Fault("not-read", "", "depth frames are counted, not read", "note")
-    size = sum(frame.stat().st_size for frame in frames)
-    video = ClipSummary(Path(path).name, 0.0, len(frames))
-    return Inspection(os.fspath(path), "depth", "folder", size, clips=(video,), faults=(fault,))
+    video = read_depth(path)
+    _announce_depth_faults(path, video)
+    rows, columns = video.depths.shape[1:]
+    known = video.depths > 0
+    size = sum(frame.stat().st_size for frame in frame_files(Path(path)).values())
+    seconds = float(video.times[-1] - video.times[0])
+    focal = video.intrinsics[[0, 1], [0, 1]]
+    across, along = np.degrees(2 * np.arctan(np.array([columns, rows]) / 2 / focal)).tolist()
+    near, far = np.percentile(video.depths[known], [1, 99]).tolist() if known.any() else (0.0, 0.0)
+    return Inspection(
+        os.fspath(path),
+        "depth",
+        "folder",
+        size,
+        clips=(ClipSummary(Path(path).name, seconds, len(video.times)),),
+        pixels=(columns, rows),
+        view_degrees=(across, along),
+        depth_metres=(near, far),
+        masked=video.masks is not None,
+    )
+
+
+def _announce_depth_faults(path: Location, video: DepthVideo) -> None:
+    """Announce what is odd about a depth video."""
+    empty = int((~(video.depths > 0).any(axis=(1, 2))).sum())
+    steps = np.diff(video.times)
+    gaps = int((steps > 1.5 * np.median(steps)).sum()) if len(steps) else 0
+    unseen = 0 if video.masks is None else int((~video.masks.any(axis=(1, 2))).sum())
+    far, alone = int((video.depths > 20).any()), int(len(video.times) < 2)
+    odd = (
+        (alone, "frame alone: no motion can be read", Code.DEPTH_FRAMES, WARNING),
+        (empty, "frames measured nothing", Code.DEPTH_SUBJECT, WARNING),
+        (unseen, "masks are empty: the subject is out of sight", Code.DEPTH_MASK, WARNING),
+        (gaps, "gaps in the numbering: taken as pauses", Code.DEPTH_FRAMES, NOTE),
+        (far, "depth beyond 20 m: is depth_scale right?", Code.DEPTH_INTRINSICS, WARNING),
+    )
+    for count, message, code, level in odd:
+        if count:
+            announce(path, f"{count} {message}", code=code, level=level)
 
 
 def _add_bounds(found: Inspection, points: Float[np.ndarray, "points 3"]) -> Inspection:

@@ -18,6 +18,7 @@ from bunraku.retargeting import retarget_clip
 from bunraku.routes.from_rig import RigTransfer, animate_from_rig
 from bunraku.types import Character, Clip, Figure, Mesh
 from bunraku.verbs.failing import about
+from bunraku.verbs.filming import capture, check_film, move_by_film
 from bunraku.verbs.performing import (
     BUILT_IN,
     Landmarks,
@@ -47,7 +48,8 @@ def animate(
         figure: what is to move: a file (.glb .gltf .vrm .obj .ply .stl .off), or what `read`
             gave, or bare arrays in a Mesh, in metres, Y up, facing +Z.
         performance: a rigged character with clips (.glb .gltf .vrm), a motion (.bvh) that moves
-            the built-in human, or a Character; None for the built-in human and its clips.
+            the built-in human, a folder of depth frames, or a Character; None for the built-in
+            human and its clips.
         clips: names of the clips to carry over; all of them, if none is named.
         landmarks: never needed: {"joint": (x, y, z), ...}, or a JSON file of it: where some of the
             performance's joints are, in the coordinates of the figure's file.
@@ -66,6 +68,12 @@ def animate(
     """
     began = time.perf_counter()
     found = as_figure(figure, up=up, facing=facing)
+    if isinstance(performance, str | os.PathLike) and os.path.isdir(performance):
+        check_film(performance, clips, landmarks)
+        film = capture(performance)
+        with about(found.path):
+            moved = move_by_film(film, found, seed=seed, force=force)
+        return Result(found, film.character, film.path, moved, time.perf_counter() - began, film)
     performer, name = _as_performer(performance)
     chosen = choose_clips(performer, clips, name)
     transfer = _match(performer, found, chosen, landmarks=landmarks, seed=seed, force=force)

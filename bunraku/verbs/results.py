@@ -3,10 +3,12 @@
 from dataclasses import dataclass
 from functools import cached_property
 
-from bunraku.evaluate.report import report_transfer
+from bunraku.evaluate.report import report_depth_transfer, report_transfer
+from bunraku.routes.from_depth import DepthTransfer
 from bunraku.routes.from_rig import RigTransfer
 from bunraku.skinning import linear_blend_skinning
 from bunraku.types import Character, Figure, Mesh
+from bunraku.verbs.filming import Film
 
 
 @dataclass(frozen=True, eq=False)
@@ -16,8 +18,11 @@ class Result:
     figure: Figure  # as it was found
     performer: Character
     performance: str  # the performer's name: its file as given, or "built-in human"
-    transfer: RigTransfer  # every stage of the route: proxies, registration, joints, rest pose, ...
+    transfer: (
+        RigTransfer | DepthTransfer
+    )  # every stage of the route: proxies, registration, joints, rest pose, ...
     total_seconds: float  # reading included
+    film: Film | None = None  # of a depth video, which was captured first
 
     @property
     def character(self) -> Character:
@@ -41,7 +46,13 @@ class Result:
 
     @cached_property
     def at_rest(self) -> Mesh:
-        """The figure in its performer's rest pose: the surface alone, in metres, Y up."""
+        """The figure in its performer's rest pose: the surface alone, in metres, Y up.
+
+        Raises:
+            ValueError: if the performer was filmed: it has the pose of a frame, and no other.
+        """
+        if not isinstance(self.transfer, RigTransfer):
+            raise ValueError("a filmed performer has no rest pose; give a rigged character")
         mesh, skin = self.character.mesh, self.character.skin
         vertices = linear_blend_skinning(mesh.vertices, skin.weights, self.transfer.repose_motion)
         return Mesh(vertices, mesh.faces)
@@ -49,6 +60,15 @@ class Result:
     @cached_property
     def report(self) -> dict[str, object]:
         """How far to trust the result, in numbers: what `--report` writes."""
+        if isinstance(self.transfer, DepthTransfer):
+            assert self.film is not None
+            return report_depth_transfer(
+                self.figure.path,
+                self.performance,
+                self.film.capture,
+                self.transfer,
+                total_seconds=self.total_seconds,
+            )
         return report_transfer(
             self.figure.path,
             {"path": self.performance},

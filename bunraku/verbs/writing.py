@@ -12,11 +12,12 @@ from bunraku.formats.files import Location, write_atomically
 from bunraku.types import Character, FormatError, Mesh
 from bunraku.verbs.engines import name_bones, prepare_for
 from bunraku.verbs.failing import about
+from bunraku.verbs.filming import Film
 from bunraku.verbs.results import Result
 
 
 def write(
-    path: Location, thing: Result | Mesh, *, vrm: bool = False, engine: str | None = None
+    path: Location, thing: Result | Film | Mesh, *, vrm: bool = False, engine: str | None = None
 ) -> None:
     """Write a result or a surface, in one step: whoever looks sees the old file or all of the new.
 
@@ -39,7 +40,7 @@ def write(
         _write_result(path, thing, vrm=vrm, engine=engine)
 
 
-def _write_result(path: Location, result: Result, *, vrm: bool, engine: str | None) -> None:
+def _write_result(path: Location, result: Result | Film, *, vrm: bool, engine: str | None) -> None:
     character = prepare_for(result.character, engine)
     match Path(path).suffix.lower():
         case ".glb" | ".vrm":

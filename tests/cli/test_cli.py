@@ -74,7 +74,7 @@ def folder(tmp_path_factory) -> Path:
         (["triangle.obj", "--with", "torn.glb"], "error: torn.glb: "),
         (["triangle.obj", "--with", "triangle.obj"], "error: triangle.obj: "),
         (["triangle.obj", "--with", "silent.glb"], "error: silent.glb: has a rig but no clips"),
-        (["triangle.obj", "--with", "."], "error: .: is a folder"),
+        (["triangle.obj", "--with", "."], "error: .: holds no NNNN.png depth frames"),
         (
             ["triangle.obj", "--with", "walker.glb", "--clip", "fly"],
             r"error: walker.glb: has no clip 'fly'; it has 'idle', 'walk' \[CLIP_MISSING\]$",
@@ -275,7 +275,9 @@ def test_a_motion_and_a_vrm_are_written_on_request(quick, folder):
 def test_an_unknown_engine_is_refused_first(quick, capsys):
     assert quick(["animate", "person.obj", "-o", "doom.glb", "--for", "doom"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert line == "error: --for doom: no such preset; wanted blender, godot, unity, unreal [OPTION]"
+    assert (
+        line == "error: --for doom: no such preset; wanted blender, godot, unity, unreal [OPTION]"
+    )
 
 
 def test_a_figure_that_cannot_be_matched_has_its_own_exit_code(quick, folder, monkeypatch, capsys):

@@ -6,7 +6,9 @@ import pytest
 
 from bunraku.errors import Code
 from bunraku.formats import inspect, read_figure, write_mesh
+from bunraku.formats.inspection import ClipSummary
 from bunraku.types import FormatError, Mesh
+from tests.depth_folders import OURS, ball, write_folder
 from tests.fuzz.mutants import make_rigged
 
 
@@ -119,10 +121,22 @@ def test_a_motion_tells_its_clip(tmp_path):
 def test_a_folder_of_depth_frames_is_told_from_any_folder(tmp_path):
     with pytest.raises(FormatError, match=r"is a folder without NNNN\.png frames"):
         inspect(tmp_path)
-    (tmp_path / "0000.png").write_bytes(b"12345")
-    (tmp_path / "intrinsics.json").write_text("{}")
-    found = inspect(tmp_path)
-    assert (found.kind, found.clips[0].frames, found.bytes) == ("depth", 1, 5)
+    found = inspect(write_folder(tmp_path / "video", ball(5)))
+    assert (found.kind, found.pixels, found.masked, found.faults) == ("depth", (64, 48), False, ())
+    assert found.clips == (ClipSummary("video", 4 / 30, 5),)
+    assert found.view_degrees == pytest.approx((56.1, 43.6), abs=0.1)
+    assert found.depth_metres == pytest.approx((1.5, 1.5))
+
+
+def test_what_is_odd_about_a_depth_video_is_told(tmp_path):
+    frames = ball(4)
+    frames[2] = 0
+    assert set(codes(inspect(write_folder(tmp_path / "a", frames)))) == {"empty-frames"}
+    gap = write_folder(tmp_path / "b", ball(3), numbers=[0, 1, 5])
+    assert set(codes(inspect(gap))) == {"gaps"}
+    assert set(codes(inspect(write_folder(tmp_path / "c", ball(1))))) == {"one-frame"}
+    far = write_folder(tmp_path / "d", ball(3) * 20, OURS | {"depth_scale": 1000})
+    assert set(codes(inspect(far))) == {"far"}
 
 
 def test_a_file_with_nothing_in_it_is_refused(tmp_path):

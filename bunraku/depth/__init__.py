@@ -1,0 +1,1 @@
+"""From depth pictures to surfaces: the camera, who the subject is, a mesh of what is seen."""

@@ -1,0 +1,97 @@
+"""Turn a depth video into a rigged performer ([T4D] Maheshwari et al. 2023, "Transfer4D")."""
+
+import logging
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from threadpoolctl import threadpool_limits
+
+from bunraku.bones.decomposition import decompose, fit_weights, joint_paths, neighbourhood
+from bunraku.bones.performer import build_performer, standing_place, track_doubts
+from bunraku.bones.splitting import Bones, make_bones, merge_bones, split_curves
+from bunraku.curves import CurveSkeleton, extract_curves
+from bunraku.depth.meshing import View
+from bunraku.depth.subject import view_subject
+from bunraku.registration.tracking import Progress, Settings, Track, choose_reference, track
+from bunraku.routes.timing import Stopwatch
+from bunraku.types import Character, DepthVideo
+
+logger = logging.getLogger(__name__)
+SAMPLES = 1500  # vertices that bone motions are fitted to
+
+
+@dataclass(frozen=True, eq=False)
+class Capture:
+    """Every stage of what a depth video gave, in metres and the camera's frame."""
+
+    views: tuple[View, ...]  # of the frames in which the subject was seen
+    times: Float[np.ndarray, " frames"]
+    diagonal: float
+    track: Track
+    curves: CurveSkeleton
+    bones: Bones
+    character: Character  # the seen side of the subject, with skeleton, skin and one clip
+    eye: Float[np.ndarray, "3"]  # where the camera is in the character's frame
+    warnings: tuple[str, ...]
+    seconds: dict[str, float]
+
+
+@threadpool_limits.wrap(limits=1)  # type: ignore[untyped-decorator]  # threads slow small products
+def capture_performer(video: DepthVideo, *, settings: Settings | None = None) -> Capture:
+    """Turn a depth video into a rigged performer: its seen side, a skeleton and a clip.
+
+    Args:
+        video: one still camera, one moving subject.
+        settings: of the tracking; None for the best known.
+
+    Raises:
+        ValueError: if no frame shows a subject, or only one does.
+    """
+    watch = Stopwatch()
+    watch.begin("subject")
+    seen = view_subject(video)
+
+    watch.begin("tracking")
+    camera, settings = (video.intrinsics, seen.diagonal), settings or Settings()
+    followed = track(seen.views, 0, *camera, settings=settings, progress=announce_frames())
+    if followed.doubtful:
+        watch.begin("choosing a frame")
+        reference = choose_reference(seen.views, *camera, settings=settings)
+        watch.begin("tracking")
+        if reference:
+            announce = announce_frames()
+            followed = track(seen.views, reference, *camera, settings=settings, progress=announce)
+    eye = -standing_place(followed.places[followed.reference])
+    paths, faces = followed.places + eye, seen.views[followed.reference].faces
+    rest = paths[followed.reference]
+
+    watch.begin("skeleton")
+    curves = extract_curves(rest, faces)
+    bones = make_bones(curves, split_curves(curves, rest, paths), rest)
+    bones = merge_bones(bones, rest, paths)
+
+    watch.begin("skin")
+    few = np.random.default_rng(0).permutation(len(rest))[:SAMPLES]
+    _, rotations, shifts = decompose(rest[few], paths[:, few], bones.owners[few], bones.parents)
+    near = neighbourhood(bones.parents)[bones.owners]
+    weights = fit_weights(rest, paths, rotations, shifts, near)
+    rings = curves.owners == bones.rings[:, None]
+    joints = joint_paths(rest, weights, rotations, shifts, rings, bones.joints)
+    character = build_performer(rest, faces, bones, weights, (rotations, joints), seen.times)
+    return Capture(
+        *(seen.views, seen.times, seen.diagonal, followed, curves, bones, character, eye),
+        *(seen.warnings + track_doubts(followed, bones, seen.diagonal), watch.end()),
+    )
+
+
+def announce_frames() -> Progress:
+    """Say how far the tracking is, and how fast."""
+    began = time.perf_counter()
+
+    def announce(done: int, count: int) -> None:
+        rate = done / max(time.perf_counter() - began, 1e-9)
+        logger.info("tracking %d/%d, %.1f frames/s", done, count, rate)
+
+    return announce

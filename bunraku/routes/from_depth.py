@@ -1,0 +1,85 @@
+"""Move a figure as a subject moves in a depth video ([T4D] Maheshwari et al. 2023, "Transfer4D").
+
+capture = capture_performer(read_depth("recording"))
+transfer = animate_from_depth(capture, figure.mesh)
+"""
+
+from dataclasses import dataclass
+
+from threadpoolctl import threadpool_limits
+
+from bunraku.embedding import MOST_MISFIT, Embedding, embed, spread_weights
+from bunraku.proxy import Proxy, build_proxy, lift_weights
+from bunraku.retargeting import (
+    Retarget,
+    plan_embedded,
+    retarget_clip,
+    skeleton_of,
+    start_above,
+    turned_frames,
+)
+from bunraku.rotations import invert_rigid
+from bunraku.routes.capturing import Capture, capture_performer
+from bunraku.routes.timing import Stopwatch
+from bunraku.skinning import keep_influences
+from bunraku.types import Character, MatchError, Mesh, Skin
+
+__all__ = ["Capture", "DepthTransfer", "animate_from_depth", "capture_performer"]
+
+
+@dataclass(frozen=True, eq=False)
+class DepthTransfer:
+    """Every stage of moving a figure, in its own place and metres."""
+
+    target_proxy: Proxy
+    embedding: Embedding
+    plan: Retarget  # what carries the clip over
+    character: Character  # the figure as found, bound, with the captured clip
+    confidence: float  # 0 to 1
+    warnings: tuple[str, ...]
+    seconds: dict[str, float]
+
+
+@threadpool_limits.wrap(limits=1)  # type: ignore[untyped-decorator]
+def animate_from_depth(
+    capture: Capture, figure: Mesh, *, seed: int = 0, force: bool = False
+) -> DepthTransfer:
+    """Give a figure the skeleton and the motion of a captured performer.
+
+    Args:
+        capture: of the depth video.
+        figure: what is to move, in any pose and triangulation.
+        seed: of the random choices; there are none yet, equal input gives equal output.
+        force: give the result even if the figure could not be matched.
+
+    Raises:
+        MatchError: if the figure cannot be matched to the performer well enough.
+    """
+    watch = Stopwatch()
+    watch.begin("proxy")
+    target = build_proxy(figure.vertices, figure.faces)
+
+    watch.begin("embedding")
+    performer, source = capture.character, capture.character.skeleton
+    embedding = embed(performer, capture.bones, target.mesh)
+    if embedding.misfit > MOST_MISFIT and not force:
+        raise MatchError(
+            f"the figure does not fit the performer (misfit {embedding.misfit:.2f}, wanted at most "
+            f"{MOST_MISFIT}); film a creature of the same kind, or --force"
+        )
+
+    watch.begin("skin")
+    on_proxy, _ = spread_weights(performer, embedding, target.mesh)
+    weights = keep_influences(lift_weights(target, on_proxy, figure.vertices, figure.faces))
+
+    watch.begin("retargeting")
+    heading, turns = embedding.heading, embedding.turns
+    plan = plan_embedded(source, embedding.joints, turns, heading, embedding.scale)
+    bind = turned_frames(source, embedding.joints, heading @ turns)
+    carried = (retarget_clip(clip, plan) for clip in performer.clips)
+    clips = tuple(start_above(clip, embedding.joints[0]) for clip in carried)
+    skin = Skin(weights, invert_rigid(bind))
+    return DepthTransfer(
+        *(target, embedding, plan, Character(figure, skeleton_of(source, bind), skin, clips)),
+        *(embedding.confidence, embedding.doubts, watch.end()),
+    )
