@@ -25,8 +25,9 @@ def mirror_twins(points: Float[np.ndarray, "points 3"]) -> Int[np.ndarray, " poi
 
 
 def swap_limbs(puppet: Puppet, pose: Pose) -> Iterator[Pose]:
-    """Give the pose with each pair of twin limbs swapped: legs, arms, hind legs.
+    """Give the pose with each pair of twin limbs swapped at their tops: legs, arms, hind legs.
 
+    Below its top a swapped limb is straight: bent as the wrong one was, it bends the wrong way.
     The root's place, the trunk and the other limbs stay as they are.
     """
     twin = mirror_twins(puppet.anchors)
@@ -38,6 +39,8 @@ def swap_limbs(puppet: Puppet, pose: Pose) -> Iterator[Pose]:
             continue
         both = off & ((puppet.below[limb] + puppet.below[twin[limb]]) > 0)
         rotations, scales = pose.rotations.copy(), pose.scales.copy()
-        rotations[both] = MIRROR @ pose.rotations[twin[both]] @ MIRROR
+        tops = [limb, twin[limb]]
+        rotations[both] = np.eye(3)
+        rotations[tops] = MIRROR @ pose.rotations[twin[tops]] @ MIRROR
         scales[both] = pose.scales[twin[both]]
         yield Pose(pose.root, rotations, scales)

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from bunraku.graphs import descendants, root_first
+from bunraku.graphs import ancestors, descendants, root_first
 from bunraku.registration.body import Body
 from bunraku.reposing.energy import goal_joints, local_turns, place_joints, recover_rest_pose
 from bunraku.rotations import (
@@ -60,6 +60,7 @@ def repose(
         at_rest: the registration found the figure as the source stands; no turn is believed.
     """
     carriers = body.carriers
+    joints, surface_turns, trust = hang_on_hips(joints, body, surface_turns, trust)
     found = recover_rest_pose(
         joints, body.joints, carriers, surface_turns=surface_turns, trust=trust
     )
@@ -76,6 +77,29 @@ def repose(
     places, _ = place_joints(ahead, carriers, undo, root)
     trunk = float(share[body.puppet.joints[0]])
     return Reposed(joints, turns, heading, places, posed, trunk)
+
+
+def hang_on_hips(
+    joints: Float[np.ndarray, "joints 3"],
+    body: Body,
+    turns: Float[np.ndarray, "joints 3 3"],
+    trust: Float[np.ndarray, " joints"],
+) -> tuple[
+    Float[np.ndarray, "joints 3"], Float[np.ndarray, "joints 3 3"], Float[np.ndarray, " joints"]
+]:
+    """Let the joints above the hips follow them, as if they were one: places, turns and trust.
+
+    What little surface a floor root moves says nothing of where it is, or how it turned.
+    """
+    hips = int(body.puppet.joints[0])
+    floor = np.array(ancestors(body.carriers, hips)[1:], np.int64)
+    kept = body.puppet.joints
+    spread = [np.linalg.norm(points[kept] - points[hips]) for points in (joints, body.joints)]
+    scale = spread[0] / spread[1] if spread[1] > 0 else 1.0
+    joints, turns, trust = joints.copy(), turns.copy(), trust.copy()
+    joints[floor] = joints[hips] + scale * (body.joints[floor] - body.joints[hips]) @ turns[hips].T
+    turns[floor], trust[floor] = turns[hips], trust[hips]
+    return joints, turns, trust
 
 
 def nearby_quarter(heading: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
