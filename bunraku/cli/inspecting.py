@@ -44,6 +44,7 @@ def tabulate(found: "Inspection") -> Iterator[tuple[str, str]]:
         yield from _tabulate_surface(found)
     if found.vertices or found.joints:
         yield from _tabulate_place(found)
+    yield from _tabulate_depth(found)
     for clip in found.clips[:SHOWN]:
         yield "clip", f"{clip.name}: {clip.seconds:.4g} s, {clip.frames} frames"
     for name in found.extensions_used[:SHOWN]:
@@ -56,6 +57,17 @@ def tabulate(found: "Inspection") -> Iterator[tuple[str, str]]:
         left = len(getattr(found, name)) - SHOWN
         if left > 0:
             yield "", f"... {left} more {name.replace('_', ' ')}: --json"
+
+
+def _tabulate_depth(found: "Inspection") -> Iterator[tuple[str, str]]:
+    """List what a depth camera saw, and how; nothing of other files."""
+    if found.kind != "depth":
+        return
+    width, height = found.pixels
+    across, along = found.view_degrees
+    yield "frames", f"{width} x {height} pixels, a view of {across:.0f} x {along:.0f} degrees"
+    yield "depth", f"{found.depth_metres[0]:.2f} to {found.depth_metres[1]:.2f} m"
+    yield "subject", "masked" if found.masked else "told from the scene by depth and motion"
 
 
 def _tabulate_place(found: "Inspection") -> Iterator[tuple[str, str]]:

@@ -34,7 +34,7 @@ def frame_files(folder: Path) -> dict[int, Path]:
     numbered: dict[int, Path] = {}
     for file in sorted(folder.glob("*.[pP][nN][gG]")):
         digits = re.findall(r"\d+", file.stem)
-        if digits:
+        if digits and not file.name.startswith("."):  # macOS leaves ._0000.png behind
             numbered.setdefault(int(digits[-1]), file)
     return dict(sorted(numbered.items()))
 

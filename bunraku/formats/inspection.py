@@ -13,6 +13,7 @@ from jaxtyping import Float
 from bunraku.errors import NOTE, WARNING, Code, announce
 from bunraku.formats import gltf
 from bunraku.formats.axes import guess_up, world_from_axes
+from bunraku.formats.depth_checks import check_depth
 from bunraku.formats.depth_video import frame_files, is_depth_folder, read_depth
 from bunraku.formats.files import Location, read_bytes
 from bunraku.formats.meshes import merge_pieces, read_pieces
@@ -20,7 +21,7 @@ from bunraku.formats.reading import read_motion
 from bunraku.formats.sniffing import sniff
 from bunraku.formats.surfaces import check_surface, measure_surface
 from bunraku.skinning import forward_kinematics
-from bunraku.types import DepthVideo, FormatError, Mesh
+from bunraku.types import FormatError, Mesh
 
 Vector = tuple[float, float, float]
 SEVERITIES = {NOTE: "note", WARNING: "warning"}
@@ -200,7 +201,7 @@ def _inspect_folder(path: Location) -> Inspection:
             code=Code.FILE_FOLDER,
         )
     video = read_depth(path)
-    _announce_depth_faults(path, video)
+    check_depth(path, video)
     rows, columns = video.depths.shape[1:]
     known = video.depths > 0
     size = sum(frame.stat().st_size for frame in frame_files(Path(path)).values())
@@ -219,25 +220,6 @@ def _inspect_folder(path: Location) -> Inspection:
         depth_metres=(near, far),
         masked=video.masks is not None,
     )
-
-
-def _announce_depth_faults(path: Location, video: DepthVideo) -> None:
-    """Announce what is odd about a depth video."""
-    empty = int((~(video.depths > 0).any(axis=(1, 2))).sum())
-    steps = np.diff(video.times)
-    gaps = int((steps > 1.5 * np.median(steps)).sum()) if len(steps) else 0
-    unseen = 0 if video.masks is None else int((~video.masks.any(axis=(1, 2))).sum())
-    far, alone = int((video.depths > 20).any()), int(len(video.times) < 2)
-    odd = (
-        (alone, "frame alone: no motion can be read", Code.DEPTH_FRAMES, WARNING),
-        (empty, "frames measured nothing", Code.DEPTH_SUBJECT, WARNING),
-        (unseen, "masks are empty: the subject is out of sight", Code.DEPTH_MASK, WARNING),
-        (gaps, "gaps in the numbering: taken as pauses", Code.DEPTH_FRAMES, NOTE),
-        (far, "depth beyond 20 m: is depth_scale right?", Code.DEPTH_INTRINSICS, WARNING),
-    )
-    for count, message, code, level in odd:
-        if count:
-            announce(path, f"{count} {message}", code=code, level=level)
 
 
 def _add_bounds(found: Inspection, points: Float[np.ndarray, "points 3"]) -> Inspection:

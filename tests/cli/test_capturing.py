@@ -37,7 +37,8 @@ def test_a_performer_is_written_with_its_motion(folder, monkeypatch, capsys):
     assert len(report["tracking_error_m"]) == 6 and max(report["tracking_error_m"]) < 0.03
     assert set(report["seen"]) == set(performer.skeleton.names)
     assert run(["inspect", "wave"]) == 0
-    assert "kind: depth" in capsys.readouterr().out
+    told = capsys.readouterr().out
+    assert "wave: depth, folder" in told and "pixels, a view of" in told
 
 
 def test_a_figure_is_moved_by_a_depth_folder(folder, monkeypatch):
@@ -90,7 +91,7 @@ def test_options_that_a_video_cannot_honour_are_refused(folder, monkeypatch, cap
     assert run([*common, "--clip", "fly"]) == 2
     assert "has no clip 'fly'; a depth video is one clip, 'capture'" in capsys.readouterr().err
     assert run([*common, "--landmarks", "marks.json"]) == 2
-    assert "leave --landmarks out" in capsys.readouterr().err
+    assert "leave them out" in capsys.readouterr().err
     assert run(["rig", "creature.ply", "--with", "wave", "-o", "no.glb"]) == 2
     capsys.readouterr()
 

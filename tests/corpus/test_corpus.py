@@ -17,7 +17,7 @@ HERE = Path(__file__).parent
 SHARED = Path(os.environ.get("BUNRAKU_CORPUS", HERE.parents[2] / "shared" / "corpus"))
 LONGEST_LINE = 300
 SECONDS = 20.0  # in one process, under the shape checker, on a busy machine; 5 by itself
-CATEGORIES = ("gltf-valid-odd", "gltf-invalid", "mesh-odd", "mesh-broken", "bvh-odd")
+CATEGORIES = ("gltf-valid-odd", "gltf-invalid", "mesh-odd", "mesh-broken", "bvh-odd", "depth-odd")
 
 
 def read_rows(table: Path) -> list[dict[str, str]]:

@@ -131,12 +131,12 @@ def test_a_folder_of_depth_frames_is_told_from_any_folder(tmp_path):
 def test_what_is_odd_about_a_depth_video_is_told(tmp_path):
     frames = ball(4)
     frames[2] = 0
-    assert set(codes(inspect(write_folder(tmp_path / "a", frames)))) == {"empty-frames"}
+    assert set(codes(inspect(write_folder(tmp_path / "a", frames)))) == {"DEPTH_SUBJECT"}
     gap = write_folder(tmp_path / "b", ball(3), numbers=[0, 1, 5])
-    assert set(codes(inspect(gap))) == {"gaps"}
-    assert set(codes(inspect(write_folder(tmp_path / "c", ball(1))))) == {"one-frame"}
+    assert set(codes(inspect(gap))) == {"DEPTH_FRAMES"}
+    assert set(codes(inspect(write_folder(tmp_path / "c", ball(1))))) == {"DEPTH_FRAMES"}
     far = write_folder(tmp_path / "d", ball(3) * 20, OURS | {"depth_scale": 1000})
-    assert set(codes(inspect(far))) == {"far"}
+    assert set(codes(inspect(far))) == {"DEPTH_INTRINSICS"}
 
 
 def test_a_file_with_nothing_in_it_is_refused(tmp_path):

@@ -90,7 +90,7 @@ def test_upload_animate_scrub_and_download(studio, browser, folder):
     upload(page, "Upload a figure", folder / "bad.obj")
     page.get_by_text("bad.obj is here").wait_for()
     page.get_by_role("button", name="Animate").click()
-    page.get_by_text("bad input: bad.obj: line 1").wait_for(timeout=60_000)
+    page.get_by_text("bad input: bad.obj: has no faces").wait_for(timeout=60_000)
 
     upload(page, "Upload a figure", folder / "figure.ply")
     page.get_by_text("figure.ply is here").wait_for()

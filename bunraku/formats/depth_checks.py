@@ -1,0 +1,66 @@
+"""What is odd about a depth video before anybody looks for its subject."""
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from bunraku.errors import NOTE, WARNING, Code, announce
+from bunraku.formats.files import Location
+from bunraku.types import DepthVideo, FormatError
+
+FEWEST_PIXELS = 200  # measured in a frame: fewer show no subject
+COARSE = 0.1  # metres between neighbouring depths from which a surface is a staircase
+ROUGH = 0.05  # of the depth: neighbouring pixels of a surface are alike, those of noise are not
+FLAT = 0.01  # of the depth: in a wall all depths are alike
+FAR = 20.0  # metres
+
+
+def check_depth(path: Location, video: DepthVideo) -> None:
+    """Announce what is odd about a depth video.
+
+    Raises:
+        FormatError: if no frame measured enough to show anything.
+    """
+    known = video.depths > 0
+    counts = known.sum(axis=(1, 2))
+    if counts.max() < FEWEST_PIXELS:
+        message = f"measured at most {counts.max()} pixels a frame; wanted {FEWEST_PIXELS} or more"
+        raise FormatError(path, "", f"{message}: record nearer", code=Code.DEPTH_SUBJECT)
+    steps = np.diff(video.times)
+    gaps = int((steps > 1.5 * np.median(steps)).sum()) if len(steps) else 0
+    unseen = 0 if video.masks is None else int((~video.masks.any(axis=(1, 2))).sum())
+    odd = (
+        (int(len(counts) < 2), "frame alone: no motion can be read", Code.DEPTH_FRAMES, WARNING),
+        (int((counts == 0).sum()), "frames measured nothing", Code.DEPTH_SUBJECT, WARNING),
+        (unseen, "masks are empty: the subject is out of sight", Code.DEPTH_MASK, WARNING),
+        (gaps, "gaps in the numbering: taken as pauses", Code.DEPTH_FRAMES, NOTE),
+    )
+    for count, message, code, level in odd:
+        if count:
+            announce(path, f"{count} {message}", code=code, level=level)
+    _check_values(path, video.depths[counts.argmax()], known[counts.argmax()])
+
+
+def _check_values(
+    path: Location,
+    depth: Float[np.ndarray, "rows columns"],
+    known: Bool[np.ndarray, "rows columns"],
+) -> None:
+    """Announce depths that are those of no scene: of another unit, noise, or a bare wall."""
+    values = depth[known].astype(np.float64)
+    levels = np.unique(values)
+    step = float(np.diff(levels).min()) if len(levels) > 1 else 0.0
+    beside = known[:, 1:] & known[:, :-1]
+    rough = np.median(np.abs(np.diff(depth, axis=1))[beside]) if beside.any() else 0.0
+    near, far = np.percentile(values, [1, 99])
+    if far > FAR:
+        message = f"depth reaches {far:.0f} m: is depth_scale right?"
+        announce(path, message, code=Code.DEPTH_INTRINSICS)
+    if step > COARSE:
+        message = f"depth comes in steps of {step:.2g} m: record in millimetres"
+        announce(path, message, code=Code.DEPTH_FRAMES)
+    if rough > ROUGH * np.median(values):
+        message = "neighbouring pixels have nothing in common: this is noise, or no depth"
+        announce(path, message, code=Code.DEPTH_FRAMES)
+    if far - near < FLAT * near and known.mean() > 0.9:
+        message = "all depths are alike: a bare wall, before which nothing stands"
+        announce(path, message, code=Code.DEPTH_SUBJECT)
