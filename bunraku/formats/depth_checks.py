@@ -11,7 +11,7 @@ FEWEST_PIXELS = 200  # measured in a frame: fewer show no subject
 COARSE = 0.1  # metres between neighbouring depths from which a surface is a staircase
 ROUGH = 0.05  # of the depth: neighbouring pixels of a surface are alike, those of noise are not
 FLAT = 0.01  # of the depth: in a wall all depths are alike
-FAR = 20.0  # metres
+FAR, NEAR = 20.0, 0.05  # metres: no subject is filmed from beyond, or from so near
 
 
 def check_depth(path: Location, video: DepthVideo) -> None:
@@ -52,8 +52,8 @@ def _check_values(
     beside = known[:, 1:] & known[:, :-1]
     rough = np.median(np.abs(np.diff(depth, axis=1))[beside]) if beside.any() else 0.0
     near, far = np.percentile(values, [1, 99])
-    if far > FAR:
-        message = f"depth reaches {far:.0f} m: is depth_scale right?"
+    if far > FAR or far < NEAR:
+        message = f"depth reaches {far:.2g} m: is depth_scale right?"
         announce(path, message, code=Code.DEPTH_INTRINSICS)
     if step > COARSE:
         message = f"depth comes in steps of {step:.2g} m: record in millimetres"
