@@ -139,10 +139,20 @@ def name_result(job: Job) -> str:
     return f"{stem}-{digest.hexdigest()[:KEY_LENGTH]}"
 
 
+def _hash_folder(folder: Path) -> str:
+    """Hash the names and contents of all files in a folder: a depth video."""
+    digest = hashlib.sha256()
+    for file in sorted(path for path in folder.rglob("*") if path.is_file()):
+        digest.update(f"{file.relative_to(folder)}\n{_hash_file(str(file))}\n".encode())
+    return digest.hexdigest()
+
+
 def _hash_file(path: str | None) -> str:
     """Hash a file and those beside it that it names; what cannot be read, by its name."""
     if path is None:
         return "none"
+    if Path(path).is_dir():
+        return _hash_folder(Path(path))
     try:
         content = read_bytes(path)
     except FormatError as error:

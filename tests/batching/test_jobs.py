@@ -86,3 +86,16 @@ def test_a_missing_file_has_a_name_until_it_comes(tmp_path):
     assert before == name_result(job)
     (tmp_path / "late.obj").write_text("v 0 0 0\n")
     assert before != name_result(job)
+
+
+def test_names_follow_every_frame_of_a_depth_video(tmp_path):
+    (tmp_path / "hero.obj").write_text("v 0 0 0\n")
+    (tmp_path / "film" / "mask").mkdir(parents=True)
+    for name in ("0000.png", "intrinsics.json", "mask/0000.png"):
+        (tmp_path / "film" / name).write_bytes(b"old")
+    job = Job(figure=str(tmp_path / "hero.obj"), performance=str(tmp_path / "film"))
+    names = {name_result(job)}
+    for name in ("0000.png", "intrinsics.json", "mask/0000.png"):
+        (tmp_path / "film" / name).write_bytes(b"new")
+        names.add(name_result(job))
+    assert len(names) == 4
