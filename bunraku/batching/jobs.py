@@ -12,6 +12,7 @@ import msgspec
 
 from bunraku import __version__
 from bunraku.errors import Code
+from bunraku.formats.depth_video import frame_files, lens_file
 from bunraku.formats.files import Location, read_beside, read_bytes
 from bunraku.types import FormatError
 
@@ -140,10 +141,12 @@ def name_result(job: Job) -> str:
 
 
 def _hash_folder(folder: Path) -> str:
-    """Hash the names and contents of all files in a folder: a depth video."""
+    """Hash the frames, masks and lens of a depth video; nothing else in there decides."""
     digest = hashlib.sha256()
-    for file in sorted(path for path in folder.rglob("*") if path.is_file()):
-        digest.update(f"{file.relative_to(folder)}\n{_hash_file(str(file))}\n".encode())
+    files = [*frame_files(folder).values(), *frame_files(folder / "mask").values()]
+    for file in (*files, lens_file(folder)):
+        if file is not None:
+            digest.update(f"{file.relative_to(folder)}\n{_hash_file(str(file))}\n".encode())
     return digest.hexdigest()
 
 

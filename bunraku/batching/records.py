@@ -39,9 +39,10 @@ class Record(msgspec.Struct, frozen=True, kw_only=True):
 
     def worst(self, measure: str) -> float | None:
         """Give the largest value of a measure among the clips, such as stretch_p99."""
-        kind = list[dict[str, float | str]]
+        kind = list[dict[str, float | str | None]]
         clips = msgspec.json.decode(self.report.get("clips", b"[]"), type=kind)
-        return max((float(clip[measure]) for clip in clips if measure in clip), default=None)
+        told = [value for clip in clips if (value := clip.get(measure)) is not None]
+        return max(map(float, told), default=None)
 
 
 class Request(msgspec.Struct, frozen=True):

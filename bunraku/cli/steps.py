@@ -34,7 +34,8 @@ def check_output(
             f"must end in {' or '.join(suffixes)}; choose another name",
             code=Code.OUT_SUFFIX,
         )
-    if any(given is not None and path.resolve() == given.resolve() for given in inputs):
+    read = [given.resolve() for given in inputs if given is not None]
+    if any(given == path.resolve() or given in path.resolve().parents for given in read):
         raise FormatError(path, "", "is also read; write to another file", code=Code.OUT_PLACE)
     if path.is_dir():
         raise FormatError(path, "", "is a folder; name a file in it", code=Code.OUT_PLACE)

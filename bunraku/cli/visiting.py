@@ -16,6 +16,9 @@ def run_studio(figure: Path | None, performance: Path | None, *, host: str, port
     Raises:
         FormatError: if a file does not exist, or the extra is missing.
     """
+    if performance is not None and performance.is_dir():
+        message = "is a folder: depth videos are not shown here yet; use bunraku animate"
+        raise FormatError(performance, "", message, code=Code.FILE_FOLDER)
     for path in (figure, performance):
         if path is not None and not path.is_file():
             message = "does not exist; check the name and the folder"

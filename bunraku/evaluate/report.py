@@ -186,7 +186,10 @@ def report_capture(path: str, capture: Capture, *, total_seconds: float) -> dict
     """
     seen, bones = capture.track.visible, capture.bones.owners
     names = capture.character.skeleton.names
-    shares = [float(seen[:, bones == bone].mean()) for bone in range(len(names))]
+    shares = [
+        float(seen[:, bones == bone].mean()) if (bones == bone).any() else 0.0
+        for bone in range(len(names))
+    ]
     return {
         "bunraku": __version__,
         "route": "from_depth",

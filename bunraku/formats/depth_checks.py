@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Bool, Float
 
-from bunraku.errors import NOTE, WARNING, Code, announce
+from bunraku.errors import Code, announce
 from bunraku.formats.files import Location
 from bunraku.types import DepthVideo, FormatError
 
@@ -25,18 +25,15 @@ def check_depth(path: Location, video: DepthVideo) -> None:
     if counts.max() < FEWEST_PIXELS:
         message = f"measured at most {counts.max()} pixels a frame; wanted {FEWEST_PIXELS} or more"
         raise FormatError(path, "", f"{message}: record nearer", code=Code.DEPTH_SUBJECT)
-    steps = np.diff(video.times)
-    gaps = int((steps > 1.5 * np.median(steps)).sum()) if len(steps) else 0
     unseen = 0 if video.masks is None else int((~video.masks.any(axis=(1, 2))).sum())
     odd = (
-        (int(len(counts) < 2), "frame alone: no motion can be read", Code.DEPTH_FRAMES, WARNING),
-        (int((counts == 0).sum()), "frames measured nothing", Code.DEPTH_SUBJECT, WARNING),
-        (unseen, "masks are empty: the subject is out of sight", Code.DEPTH_MASK, WARNING),
-        (gaps, "gaps in the numbering: taken as pauses", Code.DEPTH_FRAMES, NOTE),
+        (int(len(counts) < 2), "frame alone: no motion can be read", Code.DEPTH_FRAMES),
+        (int((counts == 0).sum()), "of the frames measured nothing", Code.DEPTH_SUBJECT),
+        (unseen, "of the masks are empty: the subject is out of sight", Code.DEPTH_MASK),
     )
-    for count, message, code, level in odd:
+    for count, message, code in odd:
         if count:
-            announce(path, f"{count} {message}", code=code, level=level)
+            announce(path, f"{count} {message}", code=code)
     _check_values(path, video.depths[counts.argmax()], known[counts.argmax()])
 
 

@@ -1,7 +1,6 @@
 """A folder of depth frames: NNNN.png in 16 bits, intrinsics.json, and mask/NNNN.png if known."""
 
 import io
-import logging
 import os
 import re
 from collections.abc import Callable, Iterable
@@ -11,12 +10,11 @@ import numpy as np
 from jaxtyping import Bool, Shaped, UInt16
 from PIL import Image
 
-from bunraku.errors import Code
+from bunraku.errors import Code, announce
 from bunraku.formats.files import Location, read_bytes
 from bunraku.formats.intrinsics import Lens, fit_lens, read_lens
 from bunraku.types import DepthVideo, FormatError
 
-logger = logging.getLogger(__name__)
 LENS_FILES = ("intrinsics.json", "intrinsic.json", "camera.json", "calibration.json")
 LARGEST_SIDE, MOST_PIXELS = 8192, 1 << 28  # of a frame; of a whole video
 SIXTEEN_BITS = ("I;16", "I;16B", "I;16L", "I")
@@ -92,10 +90,8 @@ def frame_times(path: Location, numbers: list[int], lens: Lens) -> Shaped[np.nda
         counted /= max(float(np.median(steps)), 1.0)  # every second frame kept is no gap
         if np.ptp(steps):
             gap = int(np.flatnonzero(steps != np.median(steps))[0])
-            logger.warning(
-                "%s: frames are missing, first after %d; they are taken as pauses",
-                *(path, numbers[gap]),
-            )
+            message = f"frames are missing, first after {numbers[gap]}; they are taken as pauses"
+            announce(path, message, code=Code.DEPTH_FRAMES)
     return (counted - counted[0]) / lens.fps
 
 

@@ -7,7 +7,6 @@
 {"CalibrationInformation": {"Cameras": [...]}}                        Azure Kinect
 """
 
-import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -16,11 +15,10 @@ import msgspec
 import numpy as np
 from jaxtyping import Float
 
-from bunraku.errors import Code
+from bunraku.errors import Code, announce
 from bunraku.formats.files import Location
 from bunraku.types import FormatError
 
-logger = logging.getLogger(__name__)
 NAMES = {
     "fx": ("fx", "focal_x", "fl_x"),
     "fy": ("fy", "focal_y", "fl_y"),
@@ -78,9 +76,11 @@ def read_lens(path: Location, content: bytes) -> Lens:
         )
     for name, fallback in (("depth_scale", PER_METRE), ("fps", FPS)):
         if name not in known:
-            logger.warning("%s: tells no %s; %g is taken", path, name, fallback)
+            message = f"tells no {name}; {fallback:g} is taken"
+            announce(path, message, code=Code.DEPTH_INTRINSICS)
     if any(told.get("coeffs") or told.get("distortion_coefficients") or ()):
-        logger.warning("%s: the lens's distortion is left out; undistort for more accuracy", path)
+        message = "the lens's distortion is left out; undistort for more accuracy"
+        announce(path, message, code=Code.DEPTH_INTRINSICS)
     return check_lens(path, Lens(**known))
 
 
@@ -181,7 +181,8 @@ def fit_lens(path: Location, lens: Lens, size: tuple[int, int]) -> Lens:
             code=Code.DEPTH_INTRINSICS,
         )
     if told != (width, height):
-        logger.warning("%s: for %g x %g pixels; scaled to the frames'", path, *told)
+        message = f"for {told[0]:g} x {told[1]:g} pixels; scaled to the frames'"
+        announce(path, message, code=Code.DEPTH_INTRINSICS)
         lens = replace(
             lens,
             **{"fx": lens.fx * across, "fy": lens.fy * along},

@@ -13,15 +13,20 @@ from bunraku.registration.puppet import Pose, Puppet
 from bunraku.types import NO_PARENT
 
 LEAST_LIMB = 0.04  # of the surface: ears and thumbs are not worth a trial
+NEAR = 0.1  # of the extent of the joints: farther images are none
 MIRROR = np.diag([-1.0, 1.0, 1.0])
 
 
 def mirror_twins(points: Float[np.ndarray, "points 3"]) -> Int[np.ndarray, " points"]:
-    """Give each point its mirror image across the plane x = median; itself if it has none."""
+    """Give each point its mirror image across the plane x = median; itself if it has none.
+
+    An image within a tenth of the extent will do: bodies are never quite symmetric.
+    """
     own = np.arange(len(points))
     image = points * [-1.0, 1.0, 1.0] + [2 * float(np.median(points[:, 0])), 0.0, 0.0]
-    twin = np.linalg.norm(image[:, None] - points, axis=2).argmin(axis=1)
-    return np.where(twin[twin] == own, twin, own)
+    away = np.linalg.norm(image[:, None] - points, axis=2)
+    twin, near = away.argmin(axis=1), away.min(axis=1) < NEAR * np.ptp(points, axis=0).max()
+    return np.where((twin[twin] == own) & near, twin, own)
 
 
 def swap_limbs(puppet: Puppet, pose: Pose) -> Iterator[Pose]:

@@ -16,11 +16,12 @@ def joint_stiffness(
 ) -> Float[np.ndarray, "joints 3 3"]:
     """Give the cost of a turn of each joint: one over the spread of its turns in the clips.
 
-    Clips in which no joint turns by USUAL, a character that only breathes, tell little: their
-    spread is mixed with the usual one.
+    Clips in which no joint but the root turns by USUAL, a character that only breathes, or is
+    carried about, tell little: their spread is mixed with the usual one.
 
     Args:
-        turns: rotation vectors of each joint in its parent's frame at moments of the clips.
+        turns: rotation vectors of each joint, root first, in its parent's frame at moments of
+            the clips.
 
     Returns:
         a positive definite matrix per joint; the identity where there are no clips.
@@ -29,7 +30,7 @@ def joint_stiffness(
     if not moments:
         return np.tile(np.eye(3), (joints, 1, 1))
     spread = np.einsum("mja,mjb->jab", turns, turns) / moments
-    told = min(1.0, float(np.linalg.eigvalsh(spread).max()) / USUAL**2)
+    told = min(1.0, float(np.linalg.eigvalsh(spread[1:]).max(initial=0.0)) / USUAL**2)
     usual = ((1.0 - told) * USUAL**2 + LEAST**2) * np.eye(3)
     return np.asarray(USUAL**2 * np.linalg.inv(told * spread + usual))
 

@@ -174,6 +174,11 @@ def make_puppet(
     )
 
 
+def forget_stiffness(puppet: Puppet) -> Puppet:
+    """Let every joint turn as easily as any other."""
+    return replace(puppet, stiffness=np.tile(np.eye(3), (len(puppet.parents), 1, 1)))
+
+
 def learn_stiffness(puppet: Puppet, moments: Float[np.ndarray, "moments all_joints 3 3"]) -> Puppet:
     """Let turns cost what a character's clips tell of its joints.
 

@@ -28,7 +28,7 @@ from bunraku.registration.extremities import QUARTERS, pair_landmarks, reach_tip
 from bunraku.registration.landmarks import hold_landmarks
 from bunraku.registration.mirroring import swap_limbs
 from bunraku.registration.nonrigid import refine
-from bunraku.registration.puppet import Pose, Puppet, move_puppet, rest_pose
+from bunraku.registration.puppet import Pose, Puppet, forget_stiffness, move_puppet, rest_pose
 from bunraku.rotations import rotation_angles, vectors_to_matrices, vertical_turn
 from bunraku.types import Mesh
 
@@ -173,16 +173,25 @@ def find_candidates(body: Body, figure: Mesh, surface: Surface) -> list[Candidat
     fine = [refine_candidate(puppet, surface, one) for one in best]
     plain = min(map(doubt, fine))
     if best[0].error > POOR_COARSE:
-        stretched = stretched_candidates(puppet, surface)
-        fine += [refine_candidate(puppet, surface, one) for one in stretched]
+        free = forget_stiffness(puppet)
+        stretched = stretched_candidates(free, surface)
+        fine += [refine_candidate(free, surface, one) for one in stretched]
     explained = min(map(doubt, fine)) < 0.92 * plain  # by other proportions alone
     if plain > POOR_FINE and not explained:
         mapped = mapped_candidate(body, figure, surface)
         fine.append(refine_candidate(puppet, surface, mapped))
     leader = min(fine, key=doubt)
     if doubt(leader) > DOUBTED:
-        fine += swapped_candidates(puppet, surface, leader)
+        fine += swapped_candidates(fitting_puppet(puppet, leader), surface, leader)
     return sorted(fine, key=doubt)
+
+
+def fitting_puppet(puppet: Puppet, candidate: Candidate) -> Puppet:
+    """Give the puppet that a candidate is fitted with.
+
+    Stretched to other proportions, limbs turn as the stretch demands, not as the clips tell.
+    """
+    return puppet if candidate.home is None else forget_stiffness(puppet)
 
 
 def distinct(
@@ -290,7 +299,7 @@ def register_body(
     plain = unposed_candidate(held[0].puppet, held[1], best)
     at_rest = doubt(plain) < AS_GOOD * doubt(best)
     chosen = plain if at_rest else best
-    pose, freed = free_from_rig(body.puppet, chosen.pose, surface)
+    pose, freed = free_from_rig(fitting_puppet(body.puppet, chosen), chosen.pose, surface)
     misses = tuple(other.error for other in others)
     fitted, joints = freed * scale + centre, posed_joints(body, pose) * scale + centre
     return Registration(pose, fitted, joints, chosen.error, misses, at_rest)

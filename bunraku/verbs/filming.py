@@ -13,6 +13,7 @@ from bunraku.bones.performer import CLIP
 from bunraku.errors import Code, announce
 from bunraku.evaluate.report import report_capture
 from bunraku.formats import read_depth
+from bunraku.formats.depth_checks import check_depth
 from bunraku.formats.files import Location
 from bunraku.routes.from_depth import Capture, DepthTransfer, animate_from_depth, capture_performer
 from bunraku.types import Character, Figure, FormatError
@@ -35,7 +36,9 @@ class Film:
     def figure(self) -> Figure:
         """The seen side as a figure of one piece."""
         mesh = self.character.mesh
-        return Figure(f"{Path(self.path).name}.ply", mesh, np.zeros(len(mesh.vertices), np.int64))
+        return Figure(
+            f"{Path(self.path).resolve().name}.ply", mesh, np.zeros(len(mesh.vertices), np.int64)
+        )
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -58,11 +61,13 @@ def capture(folder: Location) -> Film:
         FormatError: if the folder is no depth video, or shows no moving subject.
     """
     began = time.perf_counter()
+    video = read_depth(folder)
+    check_depth(folder, video)
     if find_spec("pygel3d") is None:
         message = 'skeletons of depth videos need pygel3d: pip install "bunraku[depth]"'
         raise FormatError(folder, "", message, code=Code.EXTRA_MISSING)
     try:
-        captured = capture_performer(read_depth(folder))
+        captured = capture_performer(video)
     except FormatError:
         raise
     except ValueError as error:

@@ -31,18 +31,18 @@ class Result:
 
     @property
     def confidence(self) -> float:
-        """How far to trust the match, 0 to 1: one half at a strain of .28, set by eye."""
+        """How far to trust the match, 0 to 1: docs/confidence.md says how it is computed."""
         return self.transfer.confidence
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What the route found doubtful, in plain words."""
-        return self.transfer.warnings
+        return (*(self.film.warnings if self.film else ()), *self.transfer.warnings)
 
     @property
     def seconds(self) -> dict[str, float]:
         """How long each stage took, in order."""
-        return self.transfer.seconds
+        return {**(self.film.capture.seconds if self.film else {}), **self.transfer.seconds}
 
     @cached_property
     def at_rest(self) -> Mesh:
