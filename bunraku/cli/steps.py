@@ -35,7 +35,8 @@ def check_output(
             code=Code.OUT_SUFFIX,
         )
     read = [given.resolve() for given in inputs if given is not None]
-    if any(given == path.resolve() or given in path.resolve().parents for given in read):
+    inside = path.exists() and any(given in path.resolve().parents for given in read)
+    if inside or path.resolve() in read:
         raise FormatError(path, "", "is also read; write to another file", code=Code.OUT_PLACE)
     if path.is_dir():
         raise FormatError(path, "", "is a folder; name a file in it", code=Code.OUT_PLACE)

@@ -62,7 +62,6 @@ def capture(folder: Location) -> Film:
     """
     began = time.perf_counter()
     video = read_depth(folder)
-    check_depth(folder, video)
     if find_spec("pygel3d") is None:
         message = 'skeletons of depth videos need pygel3d: pip install "bunraku[depth]"'
         raise FormatError(folder, "", message, code=Code.EXTRA_MISSING)
@@ -72,6 +71,7 @@ def capture(folder: Location) -> Film:
         raise
     except ValueError as error:
         raise FormatError(folder, "", str(error), code=Code.DEPTH_SUBJECT) from error
+    check_depth(folder, video)
     for message in captured.warnings:
         announce(folder, message, code=Code.MATCH_DOUBTFUL)
     return Film(str(folder), captured, time.perf_counter() - began)

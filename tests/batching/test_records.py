@@ -22,6 +22,13 @@ def test_a_record_comes_back_with_its_numbers(tmp_path):
     assert found.worst("stretch_p99") == 1.5
 
 
+def test_what_nobody_measured_is_left_out_of_the_worst():
+    clips = [{"name": "a", "seen": None}, {"name": "b", "seen": 0.5}, {"name": "c"}]
+    record = Record(name="hero-1", job=JOB, state="done", report=as_report(clips=clips))
+    assert record.worst("seen") == 0.5
+    assert record.worst("unseen") is None
+
+
 def test_without_a_report_there_are_no_numbers():
     record = Record(name="hero-1", job=JOB, state="no match")
     assert (record.confidence, record.warnings, record.worst("stretch_p99")) == (0.0, [], None)

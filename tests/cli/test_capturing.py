@@ -102,3 +102,17 @@ def test_what_a_folder_does_not_tell_is_warned_about(folder, monkeypatch, capsys
     write_folder(folder / "slow", ball(3), lens)
     run(["inspect", "slow"])
     assert "tells no fps; 30 is taken" in capsys.readouterr().err
+
+
+def test_nothing_is_written_into_the_recording(folder, monkeypatch, capsys):
+    monkeypatch.chdir(folder)
+    lens = (folder / "wave" / "intrinsics.json").read_bytes()
+    assert run(["capture", "wave", "-o", "x.glb", "--report", "wave/intrinsics.json"]) == 2
+    assert "is also read" in capsys.readouterr().err
+    assert (folder / "wave" / "intrinsics.json").read_bytes() == lens
+
+
+def test_the_studio_says_that_it_shows_no_recordings_yet(folder, monkeypatch, capsys):
+    monkeypatch.chdir(folder)
+    assert run(["studio", "creature.ply", "--with", "wave"]) == 2
+    assert "depth videos are not shown here yet" in capsys.readouterr().err

@@ -16,6 +16,12 @@ def test_twins_are_each_others_mirror_images():
     np.testing.assert_array_equal(mirror_twins(points), [0, 2, 1, 3, 4])
 
 
+def test_a_limb_without_an_image_has_no_twin():
+    """A shoulder on one side, and something else lower down on the other."""
+    points = np.array([[0.0, 1.0, 0], [0, 0.5, 0], [0, 0, 0], [0.5, 0.9, 0], [-0.6, 0.5, 0.2]])
+    np.testing.assert_array_equal(mirror_twins(points), [0, 1, 2, 3, 4])
+
+
 def number(puppet, name: str) -> int:
     return int(np.flatnonzero(puppet.joints == NAMES.index(name))[0])
 

@@ -18,12 +18,19 @@ def test_of_no_clips_every_joint_is_as_stiff_as_usual():
 
 def test_a_hinge_is_soft_about_its_axis_and_stiff_about_the_others():
     swing = np.deg2rad(50.0)
-    turns = np.zeros((2, 2, 3))
-    turns[0, 0, 0], turns[1, 0, 0] = swing, -swing  # joint 0 bends about x, joint 1 never turns
-    hinge, still = joint_stiffness(turns)
+    turns = np.zeros((2, 3, 3))  # root first
+    turns[0, 1, 0], turns[1, 1, 0] = swing, -swing  # joint 1 bends about x, joint 2 never turns
+    _, hinge, still = joint_stiffness(turns)
     np.testing.assert_allclose(np.diag(hinge)[0], USUAL**2 / (swing**2 + LEAST**2))
     np.testing.assert_allclose(np.diag(hinge)[1:], USUAL**2 / LEAST**2)
     np.testing.assert_allclose(still, USUAL**2 / LEAST**2 * np.eye(3))
+
+
+def test_being_turned_round_says_nothing_of_the_joints():
+    turns = np.zeros((8, 3, 3))
+    turns[:, 0, 1] = np.linspace(-3, 3, 8)
+    stiffness = joint_stiffness(turns)
+    assert (np.abs(np.linalg.eigvalsh(stiffness[1:]) - 1.0) < 0.15).all()
 
 
 @pytest.mark.parametrize("breath", [0.0, 0.02])

@@ -13,6 +13,7 @@ from bunraku.registration.search import (
     distinct,
     doubt,
     find_candidates,
+    fitting_puppet,
     free_from_rig,
     heading_starts,
     likely_moments,
@@ -48,6 +49,14 @@ def test_a_posed_start_stands_as_the_source_does_at_that_moment(creature, puppet
     scale = np.ptp(puppet.vertices[:, 1]) / np.ptp(creature.mesh.vertices[:, 1])
     moved, played = moved - moved.mean(axis=0), scale * (played - played.mean(axis=0))
     np.testing.assert_allclose(moved, played, atol=1e-9)
+
+
+def test_a_stretched_fit_forgets_how_the_clips_turn_joints(body):
+    pose = rest_pose(body.puppet)
+    assert (body.puppet.stiffness != np.eye(3)).any()
+    assert fitting_puppet(body.puppet, Candidate(pose, None, 0.1)) is body.puppet
+    free = fitting_puppet(body.puppet, Candidate(pose, pose, 0.1))
+    np.testing.assert_array_equal(free.stiffness, np.tile(np.eye(3), (len(free.joints), 1, 1)))
 
 
 def test_starts_that_led_to_one_place_are_tried_once(puppet):
