@@ -51,7 +51,7 @@ def find_contacts(
     """
     frames, count = soles.shape[:2]
     free = Contacts(np.zeros((frames, count), np.int64), np.ones((frames, count)))
-    if frames < 3 or not count:
+    if frames < 3 or not count or height <= 0:
         return free
     above = (soles[..., 1] - rest_heights) / height
     floor = float(np.percentile(above.min(axis=1), 2))

@@ -115,6 +115,7 @@ def plug_tunnels(solid: Bool[np.ndarray, "x y z"], steps: int) -> Bool[np.ndarra
 
 def characteristic(solid: Bool[np.ndarray, "x y z"]) -> float:
     """Count pieces - handles + cavities: 1 for a plain lump."""
+    solid = np.pad(solid, 1)  # a solid may touch the grid's border
     _, low = _cubes_around(np.argwhere(solid & ~erode(solid)), solid.shape)
     return float(_SHARES[_corner_bits(solid, low)].sum())
 
@@ -143,6 +144,7 @@ def _lost_handles(
     count: int,
 ) -> Float[np.ndarray, " pieces"]:
     """Give the rise of the Euler characteristic by each added piece; entry 0 is nobody's."""
+    solid, added, pieces = np.pad(solid, 1), np.pad(added, 1), np.pad(pieces, 1)
     nodes = np.argwhere(added)
     owners = np.repeat(pieces[tuple(nodes.T)], 8)
     first, low = _cubes_around(nodes, solid.shape)

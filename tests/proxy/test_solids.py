@@ -109,3 +109,10 @@ def test_sparse_winding_agrees_with_asking_every_node(cube, thickness):
 
     every = winding(grid.points(np.indices(grid.shape).reshape(3, -1).T)).reshape(grid.shape) > 0.5
     assert np.array_equal(voxels.inside_nodes(winding, samples, grid), every)
+
+
+def test_a_solid_that_touches_the_border_of_its_grid_is_counted_like_any_other():
+    assert solids.characteristic(np.ones((3, 4, 5), bool)) == 1
+    ring = np.ones((3, 3, 1), bool)
+    ring[1, 1] = False
+    assert solids.characteristic(ring) == 0  # one piece, one handle
