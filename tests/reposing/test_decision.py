@@ -6,6 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from bunraku.reposing.decision import (
     believe_turns,
+    hang_on_hips,
     is_stood_on,
     limb_swings,
     limbs,
@@ -16,7 +17,7 @@ from bunraku.reposing.decision import (
     smooth_step,
 )
 from bunraku.reposing.energy import place_joints
-from bunraku.rotations import rotation_angles
+from bunraku.rotations import rotation_angles, vectors_to_matrices
 from tests.creatures import JOINTS, NAMES, PARENTS, pose_of
 
 STILL = np.zeros(3)
@@ -303,3 +304,38 @@ def test_a_lone_root_stored_first_turns_with_the_figure(body):
     found = repose(rest @ heading.T, wider, surface, np.append(0.0, np.ones(7)), misfit=0.05)
     np.testing.assert_allclose(found.heading, heading, atol=1e-9)
     np.testing.assert_allclose(found.places - found.places[1], rest - rest[1], atol=1e-6)
+
+
+def test_a_floor_root_follows_the_hips_whatever_its_own_surface_says(body):
+    """Placed, turned and trusted as if it were one with them, at the figure's size."""
+    floor = np.array([0.1, 0.02, 0.05])
+    parents = np.append(-1, PARENTS + 1)
+    joints = np.vstack([floor, JOINTS])
+    rooted = replace(
+        body,
+        joints=joints,
+        parents=parents,
+        carriers=parents,
+        puppet=replace(body.puppet, joints=body.puppet.joints + 1),
+        weights=np.insert(body.weights, 0, 0.0, axis=1),
+        moments=np.insert(body.moments, 0, np.eye(3), axis=1),
+    )
+    left = vectors_to_matrices(np.array([0.0, np.pi / 2, 0.0]))
+    found = 2.0 * joints @ left.T
+    found[0] = [9.0, 9.0, 9.0]
+    turns = np.tile(left, (8, 1, 1))
+    turns[0] = vectors_to_matrices(np.array([1.6, 0.0, 0.0]))
+    trust = np.append(0.1, np.ones(7))
+    placed, turned, trusted = hang_on_hips(found, rooted, turns, trust)
+    np.testing.assert_allclose(placed, 2.0 * joints @ left.T, atol=1e-9)
+    np.testing.assert_allclose(turned, np.tile(left, (8, 1, 1)), atol=1e-12)
+    np.testing.assert_array_equal(trusted, np.ones(8))
+    assert found[0, 0] == 9.0 and trust[0] == 0.1  # what was given stays as it is
+
+
+def test_a_body_that_hangs_from_its_hips_is_left_alone(body):
+    turns = np.tile(np.eye(3), (7, 1, 1))
+    placed, turned, trusted = hang_on_hips(JOINTS, body, turns, np.ones(7))
+    np.testing.assert_array_equal(placed, JOINTS)
+    np.testing.assert_array_equal(turned, turns)
+    np.testing.assert_array_equal(trusted, np.ones(7))
