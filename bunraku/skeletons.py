@@ -8,7 +8,7 @@ Castellani 2021, "Methodology for skeleton transfer"; closed form in place of gr
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from bunraku.graphs import depths, descendants, root_first
+from bunraku.graphs import depths, descendants
 from bunraku.rotations import nearest_rotation
 from bunraku.types import NO_PARENT
 
@@ -167,22 +167,8 @@ def nearest_moving_joint(
     return carrier
 
 
-def surface_turns(
-    vertices: Float[np.ndarray, "vertices 3"],
-    areas: Float[np.ndarray, " vertices"],
-    weights: Float[np.ndarray, "vertices joints"],
-    carriers: Int[np.ndarray, " joints"],
-    images: Float[np.ndarray, "vertices 3"],
-) -> tuple[Float[np.ndarray, "joints 3 3"], Float[np.ndarray, " joints"]]:
-    """Read off how each joint's own surface has turned from the source's rest to the figure.
-
-    Returns:
-        world rotations, and how far to trust each (0 for a joint that moves no surface, which
-        then turns with its carrier).
-    """
-    turns, _, _, _ = fit_similarities(vertices, images, areas[:, None] * weights**2)
-    share = areas @ weights / areas.sum()
-    for joint in root_first(carriers):
-        if share[joint] < 1e-6 and carriers[joint] != NO_PARENT:
-            turns[joint] = turns[carriers[joint]]
-    return turns, np.minimum(1.0, share / 0.01)
+def turn_trust(
+    areas: Float[np.ndarray, " vertices"], weights: Float[np.ndarray, "vertices joints"]
+) -> Float[np.ndarray, " joints"]:
+    """Say how far to trust each joint's turn: 0 if it moves no surface, 1 from a hundredth on."""
+    return np.minimum(1.0, areas @ weights / areas.sum() / 0.01)

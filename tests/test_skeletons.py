@@ -4,7 +4,6 @@ from scipy.spatial.transform import Rotation
 
 from bunraku import skeletons
 from bunraku.meshes import vertex_areas
-from bunraku.rotations import rotation_angles
 from bunraku.skeletons import (
     carry_joints,
     fit_similarities,
@@ -12,7 +11,7 @@ from bunraku.skeletons import (
     nearest_moving_joint,
     region_weights,
     regress_joints,
-    surface_turns,
+    turn_trust,
 )
 from bunraku.types import Character
 from tests.creatures import JOINTS, NAMES, PARENTS, move, pose_of, world_pose
@@ -157,18 +156,9 @@ def test_when_nothing_moves_the_first_joint_carries_all():
     np.testing.assert_array_equal(carrier, 0)
 
 
-def test_surface_turns_are_the_turns_of_the_pose(creature):
-    """Twist of the head included, which no joint shows."""
-    images = move(creature, world_pose(creature.skeleton, pose_of(ANGLES)))
-    turns, trust = surface_turns(*surface_of(creature), PARENTS, images)
-    wrong = np.rad2deg(rotation_angles(np.swapaxes(pose_of(ANGLES), 1, 2) @ turns))
-    assert wrong.max() < 8  # where two joints blend, their surfaces share the turn
-    np.testing.assert_array_equal(trust, 1)
-
-
-def test_a_joint_without_surface_turns_with_its_carrier_and_is_not_trusted(creature):
-    surface, _, parents = with_idle_joint(creature, JOINTS[2], first=False)
-    images = move(creature, world_pose(creature.skeleton, pose_of(ANGLES)))
-    turns, trust = surface_turns(*surface, parents, images)
-    np.testing.assert_array_equal(turns[7], turns[2])
-    assert trust[7] == 0
+def test_a_joint_without_surface_is_not_trusted(creature):
+    (_, areas, weights), _, _ = with_idle_joint(creature, JOINTS[2], first=False)
+    trust = turn_trust(areas, weights)
+    np.testing.assert_array_equal(trust, [1] * 7 + [0])
+    weights[:, 0] *= 0.005 * areas.sum() / (areas @ weights[:, 0])
+    assert np.isclose(turn_trust(areas, weights)[0], 0.5)

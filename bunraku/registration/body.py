@@ -98,6 +98,12 @@ def moving_joint(body: Body, joint: int) -> int:
     return next((place[above] for above in ancestors(body.parents, joint) if above in place), 0)
 
 
+def posed_turns(body: Body, pose: Pose) -> Float[np.ndarray, "joints 3 3"]:
+    """Give the world turn of every joint of the full skeleton as a posed puppet carries it."""
+    by = [moving_joint(body, joint) for joint in range(len(body.joints))]
+    return pose.world(body.puppet)[0][by]
+
+
 def posed_joints(body: Body, pose: Pose) -> Float[np.ndarray, "joints 3"]:
     """Place every joint of the full skeleton as a posed puppet carries it, at area 1."""
     _, centre, scale = scale_to_unit_area(body.proxy.mesh.vertices, body.proxy.mesh.faces)

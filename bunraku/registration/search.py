@@ -40,7 +40,8 @@ POOR_FINE = 0.25  # misfit above which the functional map is asked
 AS_GOOD = 1.2  # times the best misfit, below which the source at rest explains as well
 LOOSE = 0.31  # misfit above which a stretched puppet's turns are noise
 MAPPED = Stage(10, 0, 0.0, 1.0, 1.0, 1e-4, 1e-2)  # to the map's points
-REFIT = Stage(4, 0, 0.0, 1.0, 1.0, 1e-5, 1e-4)  # of the rig to a freed surface
+REFIT = Stage(4, 0, 0.0, 1.0, 1.0, 1e-5, 1e-4)  # of the rig to a freed surface, half way
+SETTLE = Stage(12, 0, 0.0, 1.0, 1.0, 0.05, 0.5)  # at last; costs times what the rig leaves over
 
 
 @dataclass(frozen=True, eq=False)
@@ -269,6 +270,24 @@ def refit(puppet: Puppet, pose: Pose, vertices: Float[np.ndarray, "vertices 3"])
     return pose
 
 
+def settle(puppet: Puppet, pose: Pose, vertices: Float[np.ndarray, "vertices 3"]) -> Pose:
+    """Pose the rig as the finished surface lies: what it then says of turns is least blended.
+
+    Turns and scales cost in proportion to the mean squared distance that the rig leaves over: a
+    body of another shape must not be explained by a pose.
+    """
+    finished = make_surface(vertices, puppet.faces)
+    samples = puppet.samples[:2000]
+    pairs = pin(samples, samples, 1.0)
+    for step in range(SETTLE.steps):
+        if step % (SETTLE.steps // 2) == 0:
+            left = move_puppet(puppet, pose, samples)[0] - vertices[samples]
+            over = float((left**2).sum(axis=1).mean())
+            stage = replace(SETTLE, turns=SETTLE.turns * over, scales=SETTLE.scales * over)
+        pose = gauss_newton_step(puppet, pose, finished, pairs, stage)
+    return pose
+
+
 def free_from_rig(
     puppet: Puppet, pose: Pose, surface: Surface
 ) -> tuple[Pose, Float[np.ndarray, "vertices 3"]]:
@@ -300,6 +319,8 @@ def register_body(
     at_rest = doubt(plain) < AS_GOOD * doubt(best)
     chosen = plain if at_rest else best
     pose, freed = free_from_rig(fitting_puppet(body.puppet, chosen), chosen.pose, surface)
+    if chosen.home is None:  # of a stretched body the surface tells no more than the stretch
+        pose = settle(body.puppet, pose, freed)
     misses = tuple(other.error for other in others)
     fitted, joints = freed * scale + centre, posed_joints(body, pose) * scale + centre
     return Registration(pose, fitted, joints, chosen.error, misses, at_rest)

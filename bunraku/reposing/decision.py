@@ -124,7 +124,8 @@ def believe_turns(
     """Decide how much of each joint's turn is pose: all of a posed figure's, or whole limbs'.
 
     A figure is posed if its surface turned as a whole, or if the limbs it stands on swung: arms in
-    a T, where the source's hang, do not make a pose.
+    a T, where the source's hang, do not make a pose. All limbs of a posed figure are believed, but
+    of a poor fit only those that swung far; the trunk's turn, as legs tell it, only of a good fit.
 
     Args:
         turns: world rotation of each joint from rest to as found, heading left out.
@@ -143,13 +144,15 @@ def believe_turns(
     legs = [swing for limb, swing in swings.items() if is_stood_on(body, limb)]
     mean_swing = float(np.mean(legs or [*swings.values()] or [0.0]))
     swung = smooth_step(mean_swing, np.deg2rad(14.0), np.deg2rad(20.0))
-    alike = 1.0 - smooth_step(misfit, 0.16, 0.19)
-    share = np.full(len(turns), max(turned, swung * alike))
+    posed = max(turned, swung)
+    trunk = max(turned, swung * (1.0 - smooth_step(misfit, 0.155, 0.175)))
+    every = posed * (1.0 - smooth_step(misfit, 0.28, 0.34))
+    share = np.full(len(turns), trunk)
     below = descendants(body.carriers)
     for limb, swing in swings.items():
-        believed = smooth_step(swing, np.deg2rad(17.0), np.deg2rad(27.0))
-        share[below[limb]] = np.maximum(share[below[limb]], believed)
-    return max(turned, swung), share
+        alone = smooth_step(swing, np.deg2rad(17.0), np.deg2rad(27.0))
+        share[below[limb]] = np.maximum(share[below[limb]], max(every, alone))
+    return posed, share
 
 
 def smooth_step(value: float, low: float, high: float) -> float:

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
 from bunraku.proxy import Proxy, build_proxy
-from bunraku.registration.body import wrap_character
+from bunraku.registration.body import posed_turns, wrap_character
 from bunraku.registration.consensus import register_with_landmarks
 from bunraku.registration.search import Registration
 from bunraku.reposing import Reposed, repose
@@ -28,7 +28,7 @@ from bunraku.retargeting import (
 )
 from bunraku.rotations import invert_rigid
 from bunraku.routes.timing import Stopwatch
-from bunraku.skeletons import carry_joints, surface_turns
+from bunraku.skeletons import carry_joints, turn_trust
 from bunraku.types import Character, Clip, MatchError, Mesh, Skeleton, Skin
 from bunraku.weights import skin_from_registration
 
@@ -93,12 +93,13 @@ def animate_from_rig(
 
     watch.begin("skin and skeleton")
     weights = skin_from_registration(body, registration, target, figure)
-    joints = registration.joints  # surer where nothing turned; else the surface knows better
+    joints = registration.joints  # surer where nothing turned; else the surface knows as much
     if not registration.at_rest:
-        joints = carry_joints(*body.surface, body.joints, body.parents, registration.fitted)
+        carried = carry_joints(*body.surface, body.joints, body.parents, registration.fitted)
+        joints = (joints + carried) / 2
 
     watch.begin("rest pose")
-    turns, trust = surface_turns(*body.surface, body.carriers, registration.fitted)
+    turns, trust = posed_turns(body, registration.pose), turn_trust(body.areas, body.weights)
     misfit = registration.error
     reposed = repose(joints, body, turns, trust, misfit=misfit, at_rest=registration.at_rest)
     plan, reposed = plan_retarget(body, reposed, figure, weights, source.skeleton)
