@@ -7,7 +7,7 @@ share of point-to-point, turns kept small, scales kept near their parent's.
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.linalg import cho_factor, cho_solve
 
 from bunraku.registration.correspondence import (
@@ -22,6 +22,7 @@ from bunraku.registration.puppet import Pose, Puppet, move_puppet, rest_pose, st
 from bunraku.rotations import matrices_to_vectors
 from bunraku.types import NO_PARENT
 
+JUMP = 0.3  # difference of log-scales from which on a bone is simply another than its parent
 LARGEST_STEP = 0.6  # radians, log-scale or lengths: one step changes nothing by more
 CROSS = np.zeros((3, 3, 3))  # cross(w, b)_a = CROSS[a, r, c] w_r b_c
 CROSS[[0, 1, 2], [1, 2, 0], [2, 0, 1]] = 1.0
@@ -161,6 +162,25 @@ def motion_jacobian(
     return jacobian, weighted.sum(axis=1)
 
 
+def scale_costs(
+    parents: Int[np.ndarray, " joints"], scales: Float[np.ndarray, "2 joints"]
+) -> Float[np.ndarray, "unknowns unknowns"]:
+    """Give the cost of log-scales, along and across: unlike the parent's, other than 1, or apart.
+
+    Unlike the parent's by much costs hardly more than by JUMP: a cartoon's head is large, and its
+    neck is not.
+    """
+    count = len(parents)
+    child = np.flatnonzero(parents != NO_PARENT)
+    difference = np.eye(count)
+    difference[child, parents[child]] = -1.0
+    difference[parents == NO_PARENT] *= 0.3
+    held = 1.0 / (1.0 + (scales @ difference.T / JUMP) ** 2)
+    along, across = (difference.T @ (each[:, None] * difference) for each in held)
+    own, tie = 0.2 * np.eye(count), 0.3 * np.eye(count)
+    return np.block([[along + own + tie, -tie], [-tie, across + own + tie]])
+
+
 def add_priors(
     hessian: Float[np.ndarray, "unknowns unknowns"],
     gradient: Float[np.ndarray, " unknowns"],
@@ -174,7 +194,6 @@ def add_priors(
     A turn costs what the source's clips say of that joint and axis; the root turns freely.
     """
     count = len(puppet.parents)
-    child = np.flatnonzero(puppet.parents != NO_PARENT)
     turns, _, _ = pose.world(puppet)
     above = np.concatenate([np.eye(3)[None], turns])[puppet.parents + 1]
     turned = pose.rotations @ np.swapaxes(home.rotations, 1, 2)
@@ -182,15 +201,11 @@ def add_priors(
     cost = stage.turns * (above @ puppet.stiffness @ np.swapaxes(above, 1, 2))
     cost[puppet.parents == NO_PARENT] = 0.0
     gradient[: 3 * count] -= np.einsum("jab,jb->ja", cost, vectors).ravel()
-    difference = np.eye(count)
-    difference[child, puppet.parents[child]] = -1.0
-    difference[puppet.parents == NO_PARENT] *= 0.3
-    smooth = stage.scales * (difference.T @ difference + 0.2 * np.eye(count))
-    tie = 0.3 * stage.scales * np.eye(count)  # along and across alike, unless the surface insists
-    block = np.block([[smooth + tie, -tie], [-tie, smooth + tie]])
     both = slice(3 * count, 5 * count)
+    stretched = (pose.scales - home.scales).T
+    block = stage.scales * scale_costs(puppet.parents, stretched)
     hessian[both, both] += block
-    gradient[both] -= block @ (pose.scales - home.scales).T.ravel()
+    gradient[both] -= block @ stretched.ravel()
     diagonal = np.arange(len(hessian))
     hessian[diagonal, diagonal] += 1e-7
     turning, each = np.zeros((count, 3, count, 3)), np.arange(count)
