@@ -1,4 +1,4 @@
-"""The true parts of rigged people: the strongest joint of each vertex, read as a part by its name."""
+"""The true parts of rigged people: the strongest joint of each vertex, read by its name."""
 
 import numpy as np
 from jaxtyping import Float, Int

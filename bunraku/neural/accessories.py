@@ -58,7 +58,7 @@ def _wear(
     low, high = np.percentile(own, [2, 98], axis=0)
     middle, half = (low + high) / 2, np.maximum((high - low) / 2, 1e-3)
     centre, reach = middle + place * half, np.minimum(half * size, 0.35)
-    ends = np.stack([centre - [0, reach[1], 0], centre + [0, reach[1], 0]])
+    ends = centre + reach[1] * np.array([[0, -1.0, 0], [0, 1.0, 0]])
     share = Share((part,), (), 0.01)
     radii = (float(reach[0]), float(reach[2]))
     return place_solid(ends, radii, share, len(body.joints), form=form)

@@ -41,7 +41,7 @@ class Cloud:
 
 
 def normalise(points: Float[np.ndarray, "points 3"]) -> tuple[Float[np.ndarray, "3"], float]:
-    """Give the middle of the points' box and its longest side: subtract one, divide by the other."""
+    """Give the middle of the points' box, to subtract, and its longest side, to divide by."""
     low, high = points.min(axis=0), points.max(axis=0)
     return (low + high) / 2, max(float((high - low).max()), 1e-9)
 
@@ -117,7 +117,7 @@ def check_body(body: Body, *, farthest: float = 0.3) -> None:
     """Assert that a body is what it claims to be: finite, whole weights, joints near their parts.
 
     Args:
-        farthest: how far a joint may be from its part, in heights; the spine of a fat pig lies deep.
+        farthest: how far a joint may be from its part, in heights; a pig has a deep spine.
     """
     assert np.isfinite(body.joints).all() and np.isfinite(body.weights).all(), body.family
     assert (body.weights >= 0).all() and np.allclose(body.weights.sum(axis=1), 1, atol=1e-4)

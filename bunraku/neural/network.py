@@ -45,7 +45,7 @@ class Attention(nn.Module):
     def __init__(self, width: int, heads: int) -> None:
         super().__init__()
         self.heads = heads
-        self.before, self.other = nn.LayerNorm(width), nn.LayerNorm(width)
+        self.before = nn.LayerNorm(width)
         self.ask, self.answer = nn.Linear(width, width), nn.Linear(width, 2 * width)
         self.out = nn.Linear(width, width)
         self.think = nn.Sequential(
@@ -54,7 +54,7 @@ class Attention(nn.Module):
 
     def forward(self, tokens: Tensor, others: Tensor | None = None) -> Tensor:
         """Update tokens from others, or from one another."""
-        read = self.before(tokens) if others is None else self.other(others)
+        read = self.before(tokens if others is None else others)
         query = self._split(self.ask(self.before(tokens)))
         key, value = (self._split(half) for half in self.answer(read).chunk(2, dim=-1))
         seen = functional.scaled_dot_product_attention(query, key, value)
@@ -62,7 +62,7 @@ class Attention(nn.Module):
         return tokens + self.think(tokens)
 
     def _split(self, tokens: Tensor) -> Tensor:
-        return tokens.unflatten(-1, (self.heads, -1)).transpose(1, 2)
+        return tokens.view(*tokens.shape[:2], self.heads, -1).transpose(1, 2)
 
 
 class ShapeNetwork(nn.Module):
@@ -93,7 +93,7 @@ class ShapeNetwork(nn.Module):
         for block in self.talk:
             tokens = block(tokens)
         latents, parts = tokens[:, : chosen.shape[1]], tokens[:, chosen.shape[1] : -1]
-        parts = parts.unflatten(1, (len(KINDS), MOST_PARTS))
+        parts = parts.reshape(len(points), len(KINDS), MOST_PARTS, -1)
         return latents, parts, self.kind(tokens[:, -1])
 
     def describe(self, points: Tensor, normals: Tensor, latents: Tensor) -> Tensor:

@@ -120,7 +120,7 @@ def _head(
     wide = size["head"] * float(rng.uniform(0.32, 0.65))
     deep = wide * float(rng.uniform(0.8, 1.25))
     chin = size["head"] * float(rng.uniform(0.0, 0.12))
-    ends = np.stack([start, start + [0.0, size["head"], 0.0]])
+    ends = start + size["head"] * np.array([[0.0, 0, 0], [0, 1.0, 0]])
     ends[:, 2] += size["head"] * float(rng.uniform(-0.05, 0.15))
     share = Share((part,), (), 0.01)
     form = float(rng.uniform(max(shape[0] - 0.3, 0.1), 1.0)), float(rng.uniform(-0.2, 0.3))
@@ -192,7 +192,7 @@ def _foot(
     long = max(size["leg"] * float(rng.uniform(0.25, 0.6)), 2 * girth)
     middle = 0.5 * size["ankle"]
     heel = np.array([ankle[0], middle, ankle[2] - float(rng.uniform(0.15, 0.4)) * long])
-    ends = np.stack([heel, heel + [0.0, 0.0, long]])
+    ends = heel + long * np.array([[0.0, 0, 0], [0, 0, 1.0]])
     share = Share((parts[1],), (), 0.01)
     radii = (girth * float(rng.uniform(0.8, 1.4)), middle * float(rng.uniform(1.0, 1.4)))
     form = (shape[0], float(rng.uniform(-0.3, 0.3)))

@@ -29,17 +29,59 @@ class Species:
     limb: Range  # half a leg's width
 
 
-SPECIES = {
-    "dog": Species((0.6, 1.1), (0.2, 0.4), (30, 70), (0.3, 0.55), (0.3, 0.8), (0.13, 0.25), (0.04, 0.08)),
-    "cat": Species((0.5, 0.8), (0.1, 0.25), (10, 50), (0.25, 0.5), (0.6, 1.0), (0.13, 0.22), (0.035, 0.07)),
-    "horse": Species((0.8, 1.2), (0.5, 0.8), (35, 70), (0.4, 0.55), (0.4, 0.9), (0.16, 0.26), (0.035, 0.07)),
-    "cow": Species((0.5, 0.8), (0.2, 0.4), (-10, 35), (0.3, 0.45), (0.4, 0.8), (0.2, 0.32), (0.05, 0.09)),
-    "pig": Species((0.25, 0.5), (0.05, 0.2), (-15, 20), (0.3, 0.5), (0.1, 0.3), (0.22, 0.36), (0.05, 0.1)),
-    "deer": Species((0.9, 1.3), (0.4, 0.7), (45, 80), (0.25, 0.4), (0.08, 0.25), (0.14, 0.22), (0.025, 0.05)),
-    "giraffe": Species((1.1, 1.6), (1.0, 1.7), (50, 80), (0.3, 0.45), (0.3, 0.7), (0.18, 0.26), (0.035, 0.06)),
-    "toy": Species((0.3, 0.9), (0.02, 0.3), (20, 85), (0.4, 0.9), (0.1, 0.9), (0.18, 0.36), (0.05, 0.12)),
-    "hippo": Species((0.3, 0.5), (0.1, 0.25), (-20, 15), (0.45, 0.65), (0.1, 0.3), (0.28, 0.4), (0.08, 0.13)),
-}  # fmt: skip
+# leg, neck, rise, head, tail, girth, limb
+_RANGES = {
+    "dog": ((0.6, 1.1), (0.2, 0.4), (30, 70), (0.3, 0.55), (0.3, 0.8), (0.13, 0.25), (0.04, 0.08)),
+    "cat": (
+        (0.5, 0.8),
+        (0.1, 0.25),
+        (10, 50),
+        (0.25, 0.5),
+        (0.6, 1.0),
+        (0.13, 0.22),
+        (0.035, 0.07),
+    ),
+    "horse": (
+        (0.8, 1.2),
+        (0.5, 0.8),
+        (35, 70),
+        (0.4, 0.55),
+        (0.4, 0.9),
+        (0.16, 0.26),
+        (0.035, 0.07),
+    ),
+    "cow": ((0.5, 0.8), (0.2, 0.4), (-10, 35), (0.3, 0.45), (0.4, 0.8), (0.2, 0.32), (0.05, 0.09)),
+    "pig": ((0.25, 0.5), (0.05, 0.2), (-15, 20), (0.3, 0.5), (0.1, 0.3), (0.22, 0.36), (0.05, 0.1)),
+    "deer": (
+        (0.9, 1.3),
+        (0.4, 0.7),
+        (45, 80),
+        (0.25, 0.4),
+        (0.08, 0.25),
+        (0.14, 0.22),
+        (0.025, 0.05),
+    ),
+    "giraffe": (
+        (1.1, 1.6),
+        (1.0, 1.7),
+        (50, 80),
+        (0.3, 0.45),
+        (0.3, 0.7),
+        (0.18, 0.26),
+        (0.035, 0.06),
+    ),
+    "toy": ((0.3, 0.9), (0.02, 0.3), (20, 85), (0.4, 0.9), (0.1, 0.9), (0.18, 0.36), (0.05, 0.12)),
+    "hippo": (
+        (0.3, 0.5),
+        (0.1, 0.25),
+        (-20, 15),
+        (0.45, 0.65),
+        (0.1, 0.3),
+        (0.28, 0.4),
+        (0.08, 0.13),
+    ),
+}
+SPECIES = {name: Species(*ranges) for name, ranges in _RANGES.items()}
 HELD_OUT = ("hippo",)
 
 
@@ -81,7 +123,11 @@ def quadruped_joints(
         knee, hock = float(rng.uniform(0.55, 0.7)), float(rng.uniform(0.12, 0.36))
         bow = float(rng.uniform(0.0, 0.12)) * bend * high
         top = high * float(rng.uniform(0.95, 1.05))
-        levels = (("UpperLeg", top, 0.0), ("LowerLeg", knee * high, bow), ("Foot", hock * high, -bow))
+        levels = (
+            ("UpperLeg", top, 0.0),
+            ("LowerLeg", knee * high, bow),
+            ("Foot", hock * high, -bow),
+        )
         for side, sign in (("left", 1.0), ("right", -1.0)):
             for name, level, ahead in levels:
                 place[side + end + name] = np.array([sign * wide, level, where + ahead])
@@ -163,7 +209,7 @@ def _leg(
     chain = [QUADRUPED.index(limb + name) for name in ("UpperLeg", "LowerLeg", "Foot")]
     parts = [QUADRUPED.index(above), *chain]
     sole = joints[chain[2]] * [1.0, 0.0, 1.0]
-    points = [*joints[chain], sole + [0.0, 0.0, 0.02]]
+    points = [*joints[chain], sole + np.array([0.0, 0.0, 0.02])]
     solids = []
     for i, thick in enumerate((float(rng.uniform(1.2, 2.2)), float(rng.uniform(0.9, 1.3)), 1.0)):
         ends = np.stack(points[i : i + 2])
@@ -177,7 +223,7 @@ def _leg(
         radii = (radius, radius * float(rng.uniform(0.9, 1.5)))
         solids.append(place_solid(ends, radii, share, _PARTS, overhang=over, form=form))
     paw = size["limb"] * float(rng.uniform(1.0, 1.6))
-    ends = np.stack([sole + [0, 0.6 * paw, -paw], sole + [0, 0.6 * paw, 1.6 * paw]])
+    ends = sole + np.array([[0, 0.6 * paw, -paw], [0, 0.6 * paw, 1.6 * paw]])
     share = Share((chain[2],), (), 0.01)
     solids.append(place_solid(ends, (paw, 0.6 * paw), share, _PARTS, form=(shape[0], 0.0)))
     return solids

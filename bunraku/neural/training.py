@@ -20,6 +20,7 @@ from bunraku.neural.anatomy import ANATOMIES
 from bunraku.neural.corpus import KINDS, MOST_PARTS, Corpus, draw_variant
 from bunraku.neural.network import Architecture, ShapeNetwork
 
+KEEP_EVERY = 250  # steps
 MOMENTS = ("exp_avg", "exp_avg_sq")
 PART_EXISTS = torch.tensor(
     [[part < len(ANATOMIES[kind].names) for part in range(MOST_PARTS)] for kind in KINDS]
@@ -30,9 +31,9 @@ PART_EXISTS = torch.tensor(
 class Course:
     """What decides the result, beside the corpus."""
 
-    steps: int = 5_000
+    steps: int = 4_000
     bodies: int = 16  # a step
-    points: int = 512  # of each body
+    points: int = 400  # of each body
     rate: float = 1.2e-3  # Adam's, after the warm-up; falls to zero along a cosine
     warm_up: int = 300
     joint_weight: float = 10.0
@@ -68,7 +69,6 @@ def train(
     keep: Callable[[bytes], None],
     stop: Callable[[], bool] = lambda: False,
     report_every: int = 50,
-    keep_every: int = 500,
 ) -> Iterator[Progress]:
     """Train to the end of the course, or until told to stop; keep checkpoints on the way.
 
@@ -95,7 +95,7 @@ def train(
         batch = draw_batch(corpus, course, step)
         recent.append(learn(network, optimiser, batch, step, course.joint_weight))
         last = step == course.steps or stop()
-        if step % keep_every == 0 or last:
+        if step % KEEP_EVERY == 0 or last:
             keep(checkpoint(network, optimiser, course, step))
         if step % report_every == 0 or last:
             yield _average(recent)
@@ -173,7 +173,7 @@ def checkpoint(
         for moment in MOMENTS:
             tensors[f"{moment}:{name}"] = optimiser.state[parameter][moment]
     notes = {"course": repr(course), "step": str(step), **network.sizes.as_strings()}
-    return save({name: tensor.contiguous() for name, tensor in tensors.items()}, notes)
+    return write_tensors(tensors, notes)
 
 
 def restore(
@@ -194,16 +194,23 @@ def restore(
     return step
 
 
+def write_tensors(tensors: dict[str, Tensor], notes: dict[str, str]) -> bytes:
+    """Write tensors and notes as safetensors: in one note, for the order of several is random."""
+    written = {"notes": json.dumps(notes, sort_keys=True)}
+    return save({name: tensor.contiguous() for name, tensor in tensors.items()}, written)
+
+
 def read_notes(stored: bytes) -> dict[str, str]:
     """Read what is written beside the tensors."""
     size = int.from_bytes(stored[:8], "little")
-    return dict(json.loads(stored[8 : 8 + size]).get("__metadata__", {}))
+    written = json.loads(stored[8 : 8 + size]).get("__metadata__", {})
+    return dict(json.loads(written.get("notes", "{}")))
 
 
 def finished_weights(stored: bytes) -> bytes:
     """Strip a checkpoint of what only training needs."""
     tensors = {name: tensor for name, tensor in load(stored).items() if ":" not in name}
-    return save(tensors, read_notes(stored))
+    return write_tensors(tensors, read_notes(stored))
 
 
 def load_network(stored: bytes) -> ShapeNetwork:

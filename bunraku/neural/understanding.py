@@ -8,37 +8,18 @@ from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
 from bunraku.meshes import face_normals, interpolate, sample_surface, signed_volume, vertex_normals
-from bunraku.neural.anatomy import ANATOMIES, Anatomy
+from bunraku.neural.anatomy import ANATOMIES
 from bunraku.neural.bodies import normalise
 from bunraku.neural.corpus import KINDS
 from bunraku.neural.network import ShapeNetwork
+from bunraku.neural.parts import Reader, Understanding
+from bunraku.neural.training import load_network
 from bunraku.types import Mesh
 
 READ = 1024  # points that the network reads of a figure at a time
 READINGS = 3  # samples of the surface, each read as it is and mirrored; answers are averaged
 ASKED = 20_000  # vertices asked for themselves; of larger figures so many points, and their nearest
 _MIRROR = np.array([-1.0, 1.0, 1.0])
-
-
-@dataclass(frozen=True, eq=False)
-class Understanding:
-    """What the network takes a figure for, in the figure's own place and metres."""
-
-    kind: str
-    chance: float  # of that kind, 0 to 1
-    weights: Float[np.ndarray, "vertices parts"]
-    joints: Float[np.ndarray, "parts 3"]
-    agreement: float  # between readings: how far they put the same vertex into the same part
-
-    @property
-    def anatomy(self) -> Anatomy:
-        """Give the tree of the figure's parts."""
-        return ANATOMIES[self.kind]
-
-    @property
-    def labels(self) -> Int[np.ndarray, " vertices"]:
-        """Give the strongest part of each vertex."""
-        return np.asarray(self.weights.argmax(axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,3 +149,13 @@ def spread(
     share = 1.0 / np.maximum(distance, 1e-9)
     share /= share.sum(axis=1, keepdims=True)
     return np.einsum("pk,pkv->pv", share, values[nearest])
+
+
+def load_reader(stored: bytes, *, seed: int = 0) -> Reader:
+    """Give who understands figures, from the bytes of a file of weights."""
+    network = load_network(stored)
+
+    def read(mesh: Mesh, *, kind: str | None = None) -> Understanding:
+        return understand(network, mesh, kind=kind, seed=seed)
+
+    return read

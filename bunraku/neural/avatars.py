@@ -1,0 +1,151 @@
+"""An avatar at rest and posed, understood: a character whose clip are the poses."""
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from bunraku.bones.decomposition import fit_motions
+from bunraku.meshes import vertex_areas
+from bunraku.neural.parts import Understanding
+from bunraku.rotations import (
+    compose_transforms,
+    invert_rigid,
+    matrices_to_quaternions,
+    matrices_to_vectors,
+    nearest_rotation,
+    rotation_angles,
+    rotation_between,
+    vectors_to_matrices,
+)
+from bunraku.skinning import keep_influences, local_transforms
+from bunraku.types import NO_PARENT, Character, Clip, Mesh, Skeleton, Skin
+
+SAMPLES = 3000  # vertices that tell how parts turn
+LEAST_SHARE = 2e-3  # of the surface; smaller parts turn with their parents
+PRIOR = 2e-6  # pull towards the parent's turn, in squared heights times shares of the surface
+ROUNDS = 2  # of fitting all parts together, blended as skinning blends them
+LIMB_TURNED = 17.0, 27.0  # degrees between two limbs at rest: shape below, pose above
+
+Poses = Float[np.ndarray, "frames vertices 3"]
+Turns = Float[np.ndarray, "frames parts 3 3"]
+
+
+def rig_avatar(
+    avatar: Mesh, poses: Poses, seen: Understanding, *, times: Float[np.ndarray, " frames"]
+) -> Character:
+    """Rig an avatar with the parts it was seen to have; its poses become a clip.
+
+    Args:
+        avatar: at rest.
+        poses: its vertices in each pose.
+        seen: its parts and joints.
+        times: of the poses, in seconds, rising.
+
+    Returns:
+        a character whose joint frames are aligned with the world at rest.
+    """
+    parents, joints = seen.anatomy.parents, seen.joints
+    turns, root = follow_parts(avatar, poses, seen)
+    identity = np.broadcast_to(np.eye(3), (len(joints), 3, 3))
+    bind = compose_transforms(joints, identity)
+    rest = local_transforms(parents, bind)
+    skeleton = Skeleton(seen.anatomy.names, parents, rest)
+    local = turns.copy()
+    child = parents != NO_PARENT
+    local[:, child] = np.swapaxes(turns[:, parents[child]], -1, -2) @ turns[:, child]
+    translations = np.tile(rest[:, :3, 3], (len(poses), 1, 1))
+    translations[:, 0] = root
+    quaternions = matrices_to_quaternions(local)
+    clip = Clip("pose", times, translations, quaternions, np.ones_like(translations))
+    weights = keep_influences(seen.weights)
+    return Character(avatar, skeleton, Skin(weights, invert_rigid(bind)), (clip,))
+
+
+def follow_parts(
+    avatar: Mesh, poses: Poses, seen: Understanding
+) -> tuple[Turns, Float[np.ndarray, "frames 3"]]:
+    """Find how each part turns from rest to each pose, and where the root's joint goes.
+
+    A rigid motion a part (Procrustes), small parts held to their parents; then all together, so
+    that what two parts share between them is explained by both.
+    """
+    rng = np.random.default_rng(0)
+    chosen = _spread_vertices(avatar, rng)
+    rest, moved, weights = avatar.vertices[chosen], poses[:, chosen], seen.weights[chosen]
+    parents = seen.anatomy.parents
+    size = float(np.ptp(rest, axis=0).max())
+    rotations, shifts = rigid_parts(rest, moved, weights, parents, prior=PRIOR * size**2)
+    for _ in range(ROUNDS):
+        fitted = fit_motions(rest, moved, weights, rotations, shifts)
+        large = weights.mean(axis=0) > 5 * LEAST_SHARE
+        rotations = np.where(large[:, None, None], fitted[0], rotations)
+        shifts = np.where(large[:, None], fitted[1], shifts)
+    return rotations, rotations[:, 0] @ seen.joints[0] + shifts[:, 0]
+
+
+def _spread_vertices(mesh: Mesh, rng: np.random.Generator) -> Int[np.ndarray, " chosen"]:
+    """Choose vertices, each as likely as its share of the surface."""
+    count = len(mesh.vertices)
+    if not len(mesh.faces):
+        return rng.choice(count, min(SAMPLES, count), replace=False)
+    areas = vertex_areas(mesh.vertices, mesh.faces)
+    return rng.choice(count, SAMPLES, p=areas / areas.sum())
+
+
+def rigid_parts(
+    rest: Float[np.ndarray, "vertices 3"],
+    moved: Poses,
+    weights: Float[np.ndarray, "vertices parts"],
+    parents: Int[np.ndarray, " parts"],
+    *,
+    prior: float,
+) -> tuple[Turns, Float[np.ndarray, "frames parts 3"]]:
+    """Fit a rigid motion to each part, most of all where it is alone (weights squared).
+
+    Args:
+        prior: how strongly a part turns as its parent does.
+    """
+    frames, parts = len(moved), weights.shape[1]
+    rotations = np.tile(np.eye(3), (frames, parts, 1, 1))
+    shifts = np.zeros((frames, parts, 3))
+    for part, parent in enumerate(parents):
+        share = weights[:, part] ** 2 / len(rest)
+        total = float(share.sum())
+        above = rotations[:, parent] if parent != NO_PARENT else rotations[:, part]
+        if total < LEAST_SHARE / 4 and parent != NO_PARENT:
+            rotations[:, part], shifts[:, part] = above, shifts[:, parent]
+            continue
+        centre, goal = share @ rest / total, np.einsum("v,fva->fa", share, moved) / total
+        arms = share[:, None] * (rest - centre)
+        product = np.einsum("fva,vb->fab", moved - goal[:, None], arms)
+        rotations[:, part] = nearest_rotation(product + prior * above)
+        shifts[:, part] = goal - rotations[:, part] @ centre
+    return rotations, shifts
+
+
+def rest_difference(avatar: Understanding, figure: Understanding) -> Float[np.ndarray, "parts 3 3"]:
+    """Find how a figure's limbs at rest are turned from the avatar's (T against A pose).
+
+    Small differences are shape, large ones pose; only people's arms and everybody's legs count,
+    and each of their bones turns for itself.
+    """
+    anatomy = avatar.anatomy
+    turns = np.tile(np.eye(3), (len(anatomy.names), 1, 1))
+    for first, second, third in limbs(anatomy.names):
+        whole = [u.joints[third] - u.joints[first] for u in (avatar, figure)]
+        angle = np.degrees(float(rotation_angles(rotation_between(whole[0], whole[1]))))
+        belief = float(np.clip((angle - LIMB_TURNED[0]) / np.ptp(LIMB_TURNED), 0, 1))
+        for part, after in ((first, second), (second, third)):
+            bones = [u.joints[after] - u.joints[part] for u in (avatar, figure)]
+            turn = matrices_to_vectors(rotation_between(bones[0], bones[1]))
+            turns[part] = vectors_to_matrices(belief * turn)
+        turns[third] = turns[second]
+    return turns
+
+
+def limbs(names: tuple[str, ...]) -> list[tuple[int, int, int]]:
+    """List the limbs of three parts each: arms and legs, or four legs."""
+    found = []
+    for part, name in enumerate(names):
+        if name.endswith(("UpperArm", "UpperLeg")):
+            found.append((part, part + 1, part + 2))
+    return found
