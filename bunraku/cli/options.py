@@ -99,6 +99,9 @@ WeightsOption = Annotated[
         show_default=False,
     ),
 ]
+SeedsOption = Annotated[
+    int, typer.Option("--seeds", metavar="N", min=1, help="How often bodies are generated anew.")
+]
 MinutesOption = Annotated[
     float | None,
     typer.Option("--minutes", metavar="N", help="Stop after so long; --resume goes on."),

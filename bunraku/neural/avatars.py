@@ -1,9 +1,11 @@
 """An avatar at rest and posed, understood: a character whose clip are the poses."""
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Float, Int
 
-from bunraku.bones.decomposition import fit_motions
+from bunraku.bones.decomposition import fit_motions, fit_weights
 from bunraku.meshes import vertex_areas
 from bunraku.neural.parts import Understanding
 from bunraku.rotations import (
@@ -16,17 +18,21 @@ from bunraku.rotations import (
     rotation_between,
     vectors_to_matrices,
 )
-from bunraku.skinning import keep_influences, local_transforms
+from bunraku.skinning import keep_influences, linear_blend_skinning, local_transforms
 from bunraku.types import NO_PARENT, Character, Clip, Mesh, Skeleton, Skin
 
 SAMPLES = 3000  # vertices that tell how parts turn
 LEAST_SHARE = 2e-3  # of the surface; smaller parts turn with their parents
 PRIOR = 2e-6  # pull towards the parent's turn, in squared heights times shares of the surface
 ROUNDS = 2  # of fitting all parts together, blended as skinning blends them
+HELD = 5e-3  # squared radians
+WRONG = 5e-3  # of the size: how far off vertices are whose part is doubted
+TOLD = 24  # poses that tell how wrong weights are
 LIMB_TURNED = 17.0, 27.0  # degrees between two limbs at rest: shape below, pose above
 
 Poses = Float[np.ndarray, "frames vertices 3"]
 Turns = Float[np.ndarray, "frames parts 3 3"]
+Shifts = Float[np.ndarray, "frames parts 3"]
 
 
 def rig_avatar(
@@ -43,27 +49,87 @@ def rig_avatar(
     Returns:
         a character whose joint frames are aligned with the world at rest.
     """
-    parents, joints = seen.anatomy.parents, seen.joints
-    turns, root = follow_parts(avatar, poses, seen)
-    identity = np.broadcast_to(np.eye(3), (len(joints), 3, 3))
-    bind = compose_transforms(joints, identity)
-    rest = local_transforms(parents, bind)
-    skeleton = Skeleton(seen.anatomy.names, parents, rest)
-    local = turns.copy()
-    child = parents != NO_PARENT
-    local[:, child] = np.swapaxes(turns[:, parents[child]], -1, -2) @ turns[:, child]
-    translations = np.tile(rest[:, :3, 3], (len(poses), 1, 1))
-    translations[:, 0] = root
-    quaternions = matrices_to_quaternions(local)
-    clip = Clip("pose", times, translations, quaternions, np.ones_like(translations))
-    weights = keep_influences(seen.weights)
-    return Character(avatar, skeleton, Skin(weights, invert_rigid(bind)), (clip,))
+    turns, shifts = follow_parts(avatar, poses, seen)
+    seen = replace(seen, weights=mend_weights(avatar, poses, seen, turns, shifts))
+    turns, shifts = follow_parts(avatar, poses, seen)
+    seen = replace(seen, joints=settle_joints(seen.joints, seen.anatomy.parents, turns, shifts))
+    return as_character(avatar, seen, turns, shifts, times)
 
 
-def follow_parts(
-    avatar: Mesh, poses: Poses, seen: Understanding
-) -> tuple[Turns, Float[np.ndarray, "frames 3"]]:
-    """Find how each part turns from rest to each pose, and where the root's joint goes.
+def as_character(
+    mesh: Mesh,
+    seen: Understanding,
+    turns: Turns,
+    shifts: Shifts,
+    times: Float[np.ndarray, " frames"],
+) -> Character:
+    """Make a character of parts and their rigid motions since rest: x goes to turn x + shift.
+
+    A joint goes where its part takes it, even if that is not quite where its parent does.
+    """
+    anatomy, joints, parents = seen.anatomy, seen.joints, seen.anatomy.parents
+    bind = compose_transforms(joints, np.broadcast_to(np.eye(3), (len(joints), 3, 3)))
+    skeleton = Skeleton(anatomy.names, parents, local_transforms(parents, bind))
+    moved = np.einsum("fkab,kb->fka", turns, joints) + shifts
+    local = local_transforms(parents, compose_transforms(moved, turns))
+    quaternions = matrices_to_quaternions(local[..., :3, :3])
+    places = local[..., :3, 3].copy()
+    clip = Clip("pose", times, places, quaternions, np.ones_like(places))
+    skin = Skin(keep_influences(seen.weights), invert_rigid(bind))
+    return Character(mesh, skeleton, skin, (clip,))
+
+
+def settle_joints(
+    joints: Float[np.ndarray, "parts 3"],
+    parents: Int[np.ndarray, " parts"],
+    turns: Turns,
+    shifts: Shifts,
+    *,
+    held: float = HELD,
+) -> Float[np.ndarray, "parts 3"]:
+    """Move each joint to where its part and its parent's agree in all poses.
+
+    min_j mean_f |(R_k - R_p) j + t_k - t_p|^2 + held |j - found|^2: what no pose tells of a joint,
+    such as its place along the axis it turned about, stays as it was found.
+
+    Args:
+        turns, shifts: rigid motion of each part since rest.
+        held: squared radians of turning at which the network and the motion are believed alike.
+    """
+    settled = joints.copy()
+    for part, parent in enumerate(parents):
+        if parent == NO_PARENT:
+            continue
+        turn = turns[:, part] - turns[:, parent]
+        gap = np.einsum("fab,b->fa", turn, joints[part]) + shifts[:, part] - shifts[:, parent]
+        normal = np.einsum("fab,fac->bc", turn, turn) / len(turn) + held * np.eye(3)
+        wanted = np.einsum("fab,fa->b", turn, gap) / len(turn)
+        settled[part] -= np.linalg.solve(normal, wanted)
+    return settled
+
+
+def mend_weights(
+    avatar: Mesh, poses: Poses, seen: Understanding, turns: Turns, shifts: Shifts
+) -> Float[np.ndarray, "vertices parts"]:
+    """Give vertices that do not go with their parts to those parts that they do go with.
+
+    What an avatar carries is easily taken for a wrong part; its motion tells.
+    """
+    frames = np.unique(np.linspace(0, len(poses) - 1, TOLD).astype(np.int64))
+    paths, rotations, moved = poses[frames], turns[frames], shifts[frames]
+    near = np.ones((len(avatar.vertices), turns.shape[1]), bool)
+    fitted = fit_weights(avatar.vertices, paths, rotations, moved, near)
+    motion = compose_transforms(moved, rotations)
+    before, after = (
+        np.linalg.norm(linear_blend_skinning(avatar.vertices, w, motion) - paths, axis=-1).max(0)
+        for w in (seen.weights, fitted)
+    )
+    wrong = before > WRONG * float(np.ptp(avatar.vertices, axis=0).max())
+    return np.where((wrong & (after < 0.5 * before))[:, None], fitted, seen.weights)
+
+
+def follow_parts(avatar: Mesh, poses: Poses, seen: Understanding) -> tuple[Turns, Shifts]:
+    """Find the rigid motion of each part from rest to each pose: turns and shifts.
 
     A rigid motion a part (Procrustes), small parts held to their parents; then all together, so
     that what two parts share between them is explained by both.
@@ -79,7 +145,7 @@ def follow_parts(
         large = weights.mean(axis=0) > 5 * LEAST_SHARE
         rotations = np.where(large[:, None, None], fitted[0], rotations)
         shifts = np.where(large[:, None], fitted[1], shifts)
-    return rotations, rotations[:, 0] @ seen.joints[0] + shifts[:, 0]
+    return rotations, shifts
 
 
 def _spread_vertices(mesh: Mesh, rng: np.random.Generator) -> Int[np.ndarray, " chosen"]:
@@ -98,7 +164,7 @@ def rigid_parts(
     parents: Int[np.ndarray, " parts"],
     *,
     prior: float,
-) -> tuple[Turns, Float[np.ndarray, "frames parts 3"]]:
+) -> tuple[Turns, Shifts]:
     """Fit a rigid motion to each part, most of all where it is alone (weights squared).
 
     Args:

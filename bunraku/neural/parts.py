@@ -1,7 +1,7 @@
 """What a figure is taken for: its kind, which parts move its vertices, where the joints are."""
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -31,6 +31,7 @@ class Understanding:
         return np.asarray(self.weights.argmax(axis=1))
 
 
+@runtime_checkable
 class Reader(Protocol):
     """Whoever understands figures: a trained network, or in tests, somebody who knows."""
 

@@ -13,6 +13,7 @@ from bunraku.neural.bodies import normalise
 from bunraku.neural.corpus import KINDS
 from bunraku.neural.network import ShapeNetwork
 from bunraku.neural.parts import Reader, Understanding
+from bunraku.neural.smoothing import diffuse
 from bunraku.neural.training import load_network
 from bunraku.types import Mesh
 
@@ -61,6 +62,8 @@ def understand(
     agreement = np.mean([(answer.argmax(axis=1) == labels).mean() for answer in answers])
     if len(places) > ASKED:
         weights = spread(weights, places[asked], places)
+    else:
+        weights = diffuse(weights, small)
     found = joints * size + middle
     return Understanding(kind, float(chances[number]), weights, found, float(agreement))
 

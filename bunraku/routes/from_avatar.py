@@ -19,6 +19,7 @@ from bunraku.skinning import keep_influences
 from bunraku.types import Character, MatchError, Mesh, Skin
 
 NETWORK, REGISTRATION = "network", "registration"
+FITS = 0.28  # strain up to which the registration is believed: its confidence is one half
 LEAST_AGREEMENT = 0.6  # of the network with itself, below which a figure is not understood
 
 
@@ -79,7 +80,7 @@ def animate_from_avatar(
 
     watch.begin("second opinion")
     registered = animate_from_rig(performer, figure, force=True)
-    chosen, confidence = choose(learned, registered, understood)
+    chosen, confidence = choose(registered.score, registered.confidence, understood)
     character = learned if chosen == NETWORK else registered.character
     return AvatarTransfer(
         *(seen, performer, understood, learned, plan, registered, chosen, character),
@@ -105,8 +106,15 @@ def standing_height(mesh: Mesh, joints: Float[np.ndarray, "parts 3"]) -> float:
     return max(float(joints[0, 1] - mesh.vertices[:, 1].min()), 1e-6)
 
 
-def choose(
-    learned: Character, registered: RigTransfer, understood: Understanding
-) -> tuple[str, float]:
-    """Tell which rig is the better one, the network's or the registered one, and how good."""
-    return NETWORK, understood.agreement
+def choose(strain: float, confidence: float, understood: Understanding) -> tuple[str, float]:
+    """Tell which rig is the better one, the network's or the registered one, and how good.
+
+    A surface that fits tells joints and weights better than any network; one that hardly fits,
+    because proportions differ, tells nothing, and the network still knows parts.
+
+    Args:
+        strain, confidence: of the registration.
+    """
+    if strain <= FITS:
+        return REGISTRATION, confidence
+    return NETWORK, understood.agreement * understood.chance

@@ -107,7 +107,7 @@ def pose(
     poses = np.stack([_read_pose(avatar, name, one) for one in posed])
     with about(found.path):
         transfer = animate_from_avatar(
-            _load_reader(network, seed), avatar, poses, found.mesh, rate=rate, force=force
+            load_reader(network, seed), avatar, poses, found.mesh, rate=rate, force=force
         )
     for message in transfer.warnings:
         announce(found.path, message, code=Code.MATCH_DOUBTFUL)
@@ -159,19 +159,19 @@ def _read_pose(avatar: Mesh, avatar_name: str, place: Location | Mesh) -> Float[
     return mesh.vertices
 
 
-def _load_reader(network: Location | None, seed: int) -> Reader:
+def load_reader(network: Location | None, seed: int, *, purpose: str = "bunraku pose") -> Reader:
     """Load the network, the built-in one unless another is named.
 
     Raises:
         FormatError: if PyTorch is not there, or the file holds no such network.
     """
-    need_torch("bunraku pose")
-    from bunraku.neural.understanding import load_reader
+    need_torch(purpose)
+    from bunraku.neural import understanding
 
     if network is None:
-        return load_reader(builtin.shape_network(), seed=seed)
+        return understanding.load_reader(builtin.shape_network(), seed=seed)
     try:
-        return load_reader(read_bytes(network), seed=seed)
+        return understanding.load_reader(read_bytes(network), seed=seed)
     except (KeyError, RuntimeError, ValueError) as error:
         if isinstance(error, FormatError):
             raise
