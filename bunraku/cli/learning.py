@@ -7,6 +7,7 @@ from bunraku.cli.options import (
     ResumeTrainingOption,
     SeedOption,
     StepsOption,
+    UntilOption,
     WeightsOption,
 )
 
@@ -27,6 +28,7 @@ def shape(
     minutes: MinutesOption = None,
     resume: ResumeTrainingOption = False,
     steps: StepsOption = None,
+    until: UntilOption = None,
     seed: SeedOption = 0,
 ) -> None:
     """Train the shape network: which part of a body each point is of, and where joints are."""
@@ -36,6 +38,6 @@ def shape(
     check_output(out, [".safetensors"], inputs=[])
     with training_bar() as show:
         written = train_shape(
-            out, minutes=minutes, resume=resume, steps=steps, seed=seed, show=show
+            out, minutes=minutes, resume=resume, steps=steps, until=until, seed=seed, show=show
         )
     typer.echo(written)

@@ -99,6 +99,12 @@ WeightsOption = Annotated[
         show_default=False,
     ),
 ]
+UntilOption = Annotated[
+    int | None,
+    typer.Option(
+        "--until", metavar="N", help="End the course at this step, and write the weights."
+    ),
+]
 SeedsOption = Annotated[
     int, typer.Option("--seeds", metavar="N", min=1, help="How often bodies are generated anew.")
 ]

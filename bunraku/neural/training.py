@@ -67,7 +67,7 @@ def train(
     *,
     start: bytes | None = None,
     keep: Callable[[bytes], None],
-    stop: Callable[[], bool] = lambda: False,
+    stop: Callable[[int], bool] = lambda step: False,
     report_every: int = 50,
 ) -> Iterator[Progress]:
     """Train to the end of the course, or until told to stop; keep checkpoints on the way.
@@ -75,7 +75,7 @@ def train(
     Args:
         start: a checkpoint to go on from; from the beginning without.
         keep: takes each checkpoint, the last one too; must store it in one step.
-        stop: asked after every step.
+        stop: asked after every step, by its number.
 
     Yields:
         how it stands, averaged since the last report.
@@ -94,7 +94,7 @@ def train(
             group["lr"] = course.rate * rate_at(step, course)
         batch = draw_batch(corpus, course, step)
         recent.append(learn(network, optimiser, batch, step, course.joint_weight))
-        last = step == course.steps or stop()
+        last = step == course.steps or stop(step)
         if step % KEEP_EVERY == 0 or last:
             keep(checkpoint(network, optimiser, course, step))
         if step % report_every == 0 or last:
@@ -192,6 +192,11 @@ def restore(
         moments = {moment: tensors[f"{moment}:{name}"] for moment in MOMENTS}
         optimiser.state[parameter] = {"step": torch.tensor(float(step)), **moments}
     return step
+
+
+def read_step(stored: bytes) -> int:
+    """Read at which step a checkpoint was taken."""
+    return int(read_notes(stored)["step"])
 
 
 def write_tensors(tensors: dict[str, Tensor], notes: dict[str, str]) -> bytes:

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
-from bunraku.neural.avatars import Poses, rest_difference, rig_avatar
+from bunraku.neural.avatars import Poses, rest_difference, rig_avatar, unlikeness
 from bunraku.neural.parts import Reader, Understanding
 from bunraku.retargeting import Retarget, plan_embedded, retarget_clip, skeleton_of, turned_frames
 from bunraku.rotations import invert_rigid
@@ -20,6 +20,7 @@ from bunraku.types import Character, MatchError, Mesh, Skin
 
 NETWORK, REGISTRATION = "network", "registration"
 FITS = 0.28  # strain up to which the registration is believed: its confidence is one half
+UNLIKE = 0.3  # difference of proportions from which no surface is fitted: it would be in vain
 LEAST_AGREEMENT = 0.6  # of the network with itself, below which a figure is not understood
 
 
@@ -32,7 +33,7 @@ class AvatarTransfer:
     figure: Understanding
     learned: Character  # the figure by the network alone
     plan: Retarget  # what carried the clip over, of the network's answer
-    registered: RigTransfer | None  # the second opinion: the avatar's surface fitted to the figure
+    registered: RigTransfer | None  # second opinion: the avatar's surface fitted
     chosen: str  # "network" or "registration"
     character: Character  # by the chosen one
     confidence: float  # 0 to 1
@@ -51,6 +52,9 @@ def animate_from_avatar(
     force: bool = False,
 ) -> AvatarTransfer:
     """Give a figure a skeleton, a skin and the poses of an avatar that has neither.
+
+    The network's answer gets a second opinion. A surface that fits tells joints and weights better
+    than any network; where proportions differ it tells nothing, and the network still knows parts.
 
     Args:
         read: who understands figures: `understanding.load_reader`.
@@ -79,9 +83,13 @@ def animate_from_avatar(
     learned, plan = carry_learned(performer, seen, understood, figure)
 
     watch.begin("second opinion")
-    registered = animate_from_rig(performer, figure, force=True)
-    chosen, confidence = choose(registered.score, registered.confidence, understood)
-    character = learned if chosen == NETWORK else registered.character
+    registered, chosen, character = None, NETWORK, learned
+    confidence = understood.agreement * understood.chance
+    if unlikeness(seen, understood) < UNLIKE:
+        registered = animate_from_rig(performer, figure, force=True)
+        if registered.score <= FITS:
+            chosen, character = REGISTRATION, registered.character
+            confidence = registered.confidence
     return AvatarTransfer(
         *(seen, performer, understood, learned, plan, registered, chosen, character),
         *(confidence, (), watch.end()),
@@ -104,17 +112,3 @@ def carry_learned(
 def standing_height(mesh: Mesh, joints: Float[np.ndarray, "parts 3"]) -> float:
     """Give the height of the hips over the ground."""
     return max(float(joints[0, 1] - mesh.vertices[:, 1].min()), 1e-6)
-
-
-def choose(strain: float, confidence: float, understood: Understanding) -> tuple[str, float]:
-    """Tell which rig is the better one, the network's or the registered one, and how good.
-
-    A surface that fits tells joints and weights better than any network; one that hardly fits,
-    because proportions differ, tells nothing, and the network still knows parts.
-
-    Args:
-        strain, confidence: of the registration.
-    """
-    if strain <= FITS:
-        return REGISTRATION, confidence
-    return NETWORK, understood.agreement * understood.chance

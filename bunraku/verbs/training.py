@@ -24,6 +24,7 @@ def train_shape(
     minutes: float | None = None,
     resume: bool = False,
     steps: int | None = None,
+    until: int | None = None,
     seed: int = 0,
     size: "Size | None" = None,
     show: Callable[["Progress", int], None] = lambda progress, steps: None,
@@ -36,6 +37,7 @@ def train_shape(
         minutes: stop after so long, corpus included.
         resume: go on from the checkpoint; the result is the same to the bit.
         steps: of the course; as long as that of the built-in network without.
+        until: end the course early, at this step, and write the weights as they are then.
         seed: of everything that is drawn.
         size: how many bodies; as many as for the built-in network without.
         show: told of progress, with the length of the course.
@@ -50,7 +52,7 @@ def train_shape(
     import torch
 
     from bunraku.neural.corpus import Size, default_folder, load_corpus
-    from bunraku.neural.training import Course, finished_weights, train
+    from bunraku.neural.training import Course, finished_weights, read_step, train
 
     ends = time.monotonic() + 60 * (minutes if minutes is not None else float("inf"))
     size = size or Size()
@@ -63,25 +65,26 @@ def train_shape(
     start = read_bytes(place) if resume else None
     path.parent.mkdir(parents=True, exist_ok=True)
     torch.set_num_threads(1)
-    latest = start or b""
+    latest, progress = start or b"", None
 
     def keep(stored: bytes) -> None:
         nonlocal latest
         write_atomically(place, stored)
         latest = stored
 
-    progress = None
+    def stop(step: int) -> bool:
+        return step == until or time.monotonic() > ends
+
     with threadpool_limits(limits=1):
         corpus = load_corpus(default_folder(), size, seed)
-        steps_taken = train(
-            corpus, course, start=start, keep=keep, stop=lambda: time.monotonic() > ends
-        )
+        steps_taken = train(corpus, course, start=start, keep=keep, stop=stop)
         try:
             for progress in steps_taken:
                 show(progress, course.steps)
         except ValueError as error:
             raise FormatError(place, "", str(error), code=Code.NETWORK) from error
-    if progress is not None and progress.step < course.steps:
-        return f"{place}: step {progress.step} of {course.steps}; go on with --resume"
+    last = progress.step if progress is not None else read_step(latest)
+    if last not in (course.steps, until):
+        return f"{place}: step {last} of {course.steps}; go on with --resume"
     write_atomically(path, finished_weights(latest))
-    return f"{path}: trained {course.steps} steps"
+    return f"{path}: trained {last} steps of a course of {course.steps}"

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,7 +10,7 @@ from bunraku.neural.corpus import draw_sculpted
 from bunraku.neural.parts import Understanding
 from bunraku.neural.variation import chain_turns
 from bunraku.rotations import vectors_to_matrices
-from bunraku.routes.from_avatar import NETWORK, REGISTRATION, animate_from_avatar, choose
+from bunraku.routes.from_avatar import NETWORK, REGISTRATION, animate_from_avatar
 from bunraku.skinning import play_clip
 from bunraku.types import MatchError, Mesh
 
@@ -64,7 +66,24 @@ def test_a_figure_that_is_not_understood_is_refused(bodies):
         animate_from_avatar(Oracle(avatar, figure, agreement=0.3), avatar.mesh, poses, figure.mesh)
 
 
-@pytest.mark.parametrize("strain, chosen", [(0.1, REGISTRATION), (0.5, NETWORK)])
-def test_a_surface_that_fits_is_believed_before_the_network(strain, chosen, bodies):
-    seen = Oracle(*bodies, agreement=0.8)(bodies[0].mesh)
-    assert choose(strain, 0.9, seen)[0] == chosen
+def test_a_figure_of_the_avatars_build_is_registered_to_it(bodies):
+    """The second opinion is asked, and believed, where the surface fits."""
+    avatar = bodies[0]
+    larger = Mesh(2 * avatar.mesh.vertices, avatar.mesh.faces)
+    figure = replace(avatar, mesh=larger, joints=2 * avatar.joints)
+    turns = random_turns(1)
+    transfer = animate_from_avatar(
+        Oracle(avatar), avatar.mesh, pose_body(avatar, turns), larger, force=True
+    )
+    assert transfer.chosen == REGISTRATION and transfer.confidence > 0.9
+    moved = play_clip(transfer.character, transfer.character.clips[0])
+    assert pose_distance(moved, pose_body(figure, turns), 2.0) < 2.0
+
+
+def test_bodies_of_other_proportions_are_left_to_the_network(bodies):
+    avatar, figure = bodies
+    squat = replace(figure, joints=figure.joints * [3.0, 0.3, 1.0])
+    transfer = animate_from_avatar(
+        Oracle(avatar, squat), avatar.mesh, avatar.mesh.vertices[None], figure.mesh, force=True
+    )
+    assert transfer.chosen == NETWORK and transfer.registered is None
