@@ -49,8 +49,6 @@ def train_shape(
         FormatError: if a package is missing, or there is no checkpoint of this course.
     """
     need_torch("bunraku train")
-    import torch
-
     from bunraku.neural.corpus import Size, default_folder, load_corpus
     from bunraku.neural.training import Course, finished_weights, read_step, train
 
@@ -64,7 +62,6 @@ def train_shape(
     place = path.with_suffix(".checkpoint")
     start = read_bytes(place) if resume else None
     path.parent.mkdir(parents=True, exist_ok=True)
-    torch.set_num_threads(1)
     latest, progress = start or b"", None
 
     def keep(stored: bytes) -> None:
