@@ -20,9 +20,10 @@ from bunraku.types import Mesh
 NORMAL = 0.1  # how much normals count beside places, in sizes
 PULL = 1e-6  # towards the nearest vertex's offset, which settles where loose pieces go
 Frames = Float[np.ndarray, "frames vertices 3"]
+Moved = Float[np.ndarray, "frames moved 3"]
 
 
-def nearest_offset(avatar: Mesh, poses: Frames, figure: Mesh) -> Frames:
+def nearest_offset(avatar: Mesh, poses: Frames, figure: Mesh) -> Moved:
     """Move each vertex as the avatar's nearest vertex moves, boxes laid over one another."""
     laid = fit_box(avatar.vertices, avatar.vertices, figure.vertices)
     nearest = KDTree(laid).query(figure.vertices)[1]
@@ -37,7 +38,7 @@ def transfer_deformation(
     figure: Mesh,
     *,
     corresponding: Int[np.ndarray, " faces"] | None = None,
-) -> Frames:
+) -> Moved:
     """Deform each triangle as the avatar's nearest triangle deforms; keep triangles together.
 
     Where the figure goes as a whole, and where its loose pieces go, is told by the offset of the

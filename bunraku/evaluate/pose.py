@@ -23,8 +23,8 @@ from bunraku.routes.from_avatar import AvatarTransfer, animate_from_avatar
 from bunraku.skinning import play_clip
 from bunraku.types import Character, MatchError
 
-METHODS = ("static", "nearest offset", "nearest skin*", "nearest triangles")
-METHODS += ("network", "registration", "ours")
+BASELINES = ("static", "nearest offset", "nearest skin*", "nearest triangles")
+METHODS = (*BASELINES, "network", "registration", "ours")
 
 
 @dataclass(frozen=True)

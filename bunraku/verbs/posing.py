@@ -144,8 +144,9 @@ def _read_pose(avatar: Mesh, avatar_name: str, place: Location | Mesh) -> Float[
     real = before > 1e-9 * max(float(before.max(initial=0.0)), 1e-30)
     ratio = after[real] / before[real]
     typical = float(np.median(ratio)) if len(ratio) else 1.0
-    torn = (ratio > TORN * typical) | (ratio < typical / TORN)
-    if len(ratio) and (typical == 0 or torn.mean() > 0.3):
+    scale = float(np.ptp(mesh.vertices, axis=0).max() / np.ptp(avatar.vertices, axis=0).max())
+    torn = (ratio > TORN * scale) | (ratio < scale / TORN)
+    if len(ratio) and torn.mean() > 0.3:
         message = (
             f"tears {torn.mean():.0%} of the edges of the avatar at rest: its vertices are in "
             "another order, or of another mesh; export both from one mesh"

@@ -99,7 +99,7 @@ def test_training_writes_weights_and_goes_on_after_a_stop(tmp_path, monkeypatch)
     size = Size(people=0, outfits=0, sculpted=2, quadrupeds=2)
     whole, halves = tmp_path / "a" / "whole.safetensors", tmp_path / "halves.safetensors"
     training.train_shape(whole, steps=2, size=size)
-    line = training.train_shape(halves, steps=2, size=size, minutes=0)
+    line = training.train_shape(halves, steps=2, size=size, minutes=0.0)
     assert "step 1 of 2" in line and not halves.exists()
     training.train_shape(halves, steps=2, size=size, resume=True)
     assert halves.read_bytes() == whole.read_bytes()
