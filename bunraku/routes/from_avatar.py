@@ -19,7 +19,7 @@ from bunraku.skinning import keep_influences
 from bunraku.types import Character, MatchError, Mesh, Skin
 
 NETWORK, REGISTRATION = "network", "registration"
-FITS = 0.28  # strain up to which the registration is believed: its confidence is one half
+FITS = 0.31  # strain up to which the registration is believed; above, both are about alike
 UNLIKE = 0.3  # difference of proportions from which no surface is fitted: it would be in vain
 LEAST_AGREEMENT = 0.6  # of the network with itself, below which a figure is not understood
 
