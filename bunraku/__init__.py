@@ -6,7 +6,8 @@
     bunraku.write("hero.glb", result)
 
 The functions are the commands of the command line, with the same options: `animate`, `rig`,
-`repose`, `capture`, `inspect`, `batch`; `read` and `write` are its files. A `Result` keeps every
+`repose`, `pose`, `capture`, `inspect`,
+`batch`; `read` and `write` are its files. A `Result` keeps every
 stage. What a function needs is imported when it is first asked for.
 """
 
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from bunraku.verbs.animating import animate, repose, rig
     from bunraku.verbs.filming import Film, capture
     from bunraku.verbs.performing import read_performer
+    from bunraku.verbs.posing import Posed, pose
     from bunraku.verbs.results import Result
     from bunraku.verbs.writing import write
 
@@ -32,12 +34,14 @@ __all__ = [
     "FormatError",
     "Job",
     "MatchError",
+    "Posed",
     "Record",
     "Result",
     "animate",
     "batch",
     "capture",
     "inspect",
+    "pose",
     "read",
     "read_performer",
     "repose",
@@ -55,6 +59,8 @@ _HOMES = {
     "batch": "bunraku.batching.batches",
     "capture": "bunraku.verbs.filming",
     "inspect": "bunraku.formats",
+    "Posed": "bunraku.verbs.posing",
+    "pose": "bunraku.verbs.posing",
     "read": "bunraku.formats:read_figure",
     "read_performer": "bunraku.verbs.performing",
     "repose": "bunraku.verbs.animating",

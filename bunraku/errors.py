@@ -106,6 +106,11 @@ class Code(Enum):
     DEPTH_MASK = "masks of the subject are missing for some frames, or of another size"
     DEPTH_SUBJECT = "no moving subject can be told from the scene, or it is out of sight"
 
+    AVATAR_POSED = (
+        "a posed avatar has not the vertices of the avatar at rest, in its order and unit"
+    )
+    NETWORK = "a file of network weights is damaged, or of another network or training"
+
     JOBS = "a list of jobs is no table with a figure a line, or a job's options are wrong"
 
     LANDMARKS = "the landmarks are not places of joints of the performance"

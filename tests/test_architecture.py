@@ -30,7 +30,7 @@ LAYERS = [
     {"cli", "studio"},
 ]  # a module imports from its own layer and earlier ones
 ROUTES = LAYERS.index({"routes"})
-HEAVY = {"torch": {"neural"}, "typer": {"cli"}, "rich": {"cli", "evaluate"}, "anny": set()}
+HEAVY = {"torch": {"neural"}, "typer": {"cli"}, "rich": {"cli", "evaluate"}, "anny": {"neural"}}
 VERBS = {"__all__", *bunraku.__all__}  # of the package itself: for the highest layer alone
 FILES = sorted(
     path for path in ROOT.rglob("*.py") if path.stem != "__init__" or path.parent != ROOT

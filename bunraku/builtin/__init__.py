@@ -1,4 +1,4 @@
-"""The built-in human, its clips and the two demo figures; made by scripts/, never by hand.
+"""The built-in human, its clips, two demo figures, a network; made by scripts, never by hand.
 
     character = human()                    # A-pose, closed mesh, VRM 1.0 joint names, all clips
     labels, names = human_parts()          # names[labels[vertex]]: "head", "leftLowerArm", ...
@@ -51,6 +51,11 @@ def human_parts() -> tuple[Int[np.ndarray, " vertices"], tuple[str, ...]]:
 def figure_paths() -> dict[str, Path]:
     """Name the two unrigged figures of the demo: "stylised" and "realistic"."""
     return {name: FOLDER / f"{name}.glb" for name in ("stylised", "realistic")}
+
+
+def shape_network() -> bytes:
+    """Read the weights of the shape network that `bunraku train shape` made (safetensors)."""
+    return (FOLDER / "shape.safetensors").read_bytes()
 
 
 def _load(name: str) -> dict[str, np.ndarray]:

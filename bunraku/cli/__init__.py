@@ -8,6 +8,7 @@ import typer
 
 from bunraku.cli.evaluating import evaluate
 from bunraku.cli.failures import INTERRUPTED, describe_failure
+from bunraku.cli.learning import train
 from bunraku.cli.options import (
     BvhOption,
     CharacterOption,
@@ -40,6 +41,7 @@ from bunraku.cli.options import (
     WithOption,
     WorkersOption,
 )
+from bunraku.cli.posing import pose, spread_values
 from bunraku.limits import SUMMARY
 
 app = typer.Typer(
@@ -51,6 +53,7 @@ app = typer.Typer(
     "What the codes in error lines mean: docs/errors.md.",
 )
 app.add_typer(evaluate, name="evaluate")
+app.add_typer(train, name="train")
 
 
 @app.callback()
@@ -174,6 +177,12 @@ def repose(
         bunraku.write(out, rested)
 
 
+app.command(
+    epilog="Examples: bunraku pose hero.obj --rest body.obj --posed sits.obj -o sits.glb   |   "
+    "bunraku pose hero.glb --rest body.obj --posed frame-*.obj --rate 30 -o hero-dances.glb"
+)(pose)
+
+
 @app.command(epilog="Example: bunraku capture recording/ -o performer.glb")
 def capture(folder: DepthArgument, out: OutOption, report: ReportOption = None) -> None:
     """Turn a depth video into a rigged performer: what was seen of it, a skeleton, its motion."""
@@ -243,7 +252,10 @@ def run(arguments: Sequence[str]) -> int:
     """Run the command line; give the exit code after printing at most one error line."""
     command = typer.main.get_command(app)
     try:
-        code = command.main(list(arguments) or ["--help"], "bunraku", standalone_mode=False) or 0
+        code = (
+            command.main(spread_values(arguments) or ["--help"], "bunraku", standalone_mode=False)
+            or 0
+        )
         if code == INTERRUPTED:  # the parser's own word for it
             raise KeyboardInterrupt
         return int(code)

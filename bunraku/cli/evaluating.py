@@ -14,8 +14,10 @@ from bunraku.cli.options import (
     DataOption,
     JsonOption,
     LimitOption,
+    NetworkOption,
     PairsOption,
     SeedOption,
+    SeedsOption,
     StateOption,
     ThoroughOption,
 )
@@ -145,6 +147,45 @@ def weights_table(
     with printing_warnings(folder):
         rows = print_rows(targets, judge, describe, kind=Row, state=state)
     finish(tabulate(rows), rows, json)
+
+
+@evaluate.command(
+    "pose",
+    epilog="Examples: bunraku evaluate pose --data shared/data --limit 12   |   "
+    "bunraku evaluate pose --pairs 'Horse>Fox' --state rows.jsonl --json table.json",
+)
+def pose_table(
+    data: DataOption = None,
+    pairs: PairsOption = None,
+    limit: LimitOption = None,
+    seeds: SeedsOption = 1,
+    network: NetworkOption = None,
+    state: StateOption = None,
+    json: JsonOption = None,
+) -> None:
+    """Put figures into the poses of avatars: generated bodies, and real characters if there are."""
+    from itertools import chain
+
+    from bunraku.cli.steps import check_output
+    from bunraku.evaluate import pose, pose_tasks
+    from bunraku.evaluate.results import group_by_family, sample
+    from bunraku.types import FormatError
+    from bunraku.verbs.posing import load_reader
+
+    check_output(json, [".json"], inputs=[network])
+    check_output(state, [], inputs=[json, network])
+    read = load_reader(network, 0, purpose="bunraku evaluate pose")
+    folder, names = find_data(data), pairs or ()
+    with printing_warnings(folder):
+        made = chain.from_iterable(map(pose_tasks.generate_tasks, range(0 if names else seeds)))
+        tasks = [*made, *pose_tasks.find_tasks(folder, names=names)]
+        judge = partial(pose.measure, read=read)
+        chosen = sample(group_by_family(tasks), limit)
+        rows = print_rows(chosen, judge, pose.describe, kind=pose.Row, state=state)
+    if not rows:
+        message = "holds no such pairs; give another folder or other --pairs"
+        raise FormatError(folder, "", message, code=Code.DATA)
+    finish([pose.tabulate(rows)], rows, json)
 
 
 def print_rows(

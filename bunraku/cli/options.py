@@ -61,6 +61,66 @@ CharacterOption = Annotated[
         show_default=False,
     ),
 ]
+RestOption = Annotated[
+    Path,
+    typer.Option(
+        "--rest",
+        metavar="AVATAR",
+        help="A person or quadruped at rest, in about the figure's rest pose, any mesh file.",
+        show_default=False,
+    ),
+]
+PosedOption = Annotated[
+    list[Path],
+    typer.Option(
+        "--posed",
+        metavar="AVATAR",
+        help="The same mesh posed, its vertices in the same order; several make a clip.",
+        show_default=False,
+    ),
+]
+RateOption = Annotated[float, typer.Option("--rate", metavar="N", help="Poses a second.")]
+NetworkOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--network",
+        metavar="FILE.safetensors",
+        help="Weights that bunraku train shape wrote. Without it: the built-in ones.",
+        show_default=False,
+    ),
+]
+WeightsOption = Annotated[
+    Path | None,
+    typer.Option(
+        "-o",
+        "--out",
+        metavar="FILE.safetensors",
+        help="Weights to write. Without it: in the user's cache folder.",
+        show_default=False,
+    ),
+]
+UntilOption = Annotated[
+    int | None,
+    typer.Option(
+        "--until", metavar="N", help="End the course at this step, and write the weights."
+    ),
+]
+SeedsOption = Annotated[
+    int, typer.Option("--seeds", metavar="N", min=1, help="How often bodies are generated anew.")
+]
+MinutesOption = Annotated[
+    float | None,
+    typer.Option("--minutes", metavar="N", help="Stop after so long; --resume goes on."),
+]
+ResumeTrainingOption = Annotated[
+    bool, typer.Option("--resume", help="Go on from the checkpoint beside the weights.")
+]
+StepsOption = Annotated[
+    int | None,
+    typer.Option(
+        "--steps", metavar="N", help="Length of the course; another one is another result."
+    ),
+]
 ClipOption = Annotated[
     list[str] | None,
     typer.Option(

@@ -2,18 +2,22 @@
 
 import logging
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from bunraku.cli.failures import about, printing_warnings
 from bunraku.errors import NOTE, Code
 from bunraku.formats.files import check_place
 from bunraku.types import FormatError
 from bunraku.verbs.engines import ENGINES
+
+if TYPE_CHECKING:
+    from bunraku.neural.training import Progress as TrainingProgress
 
 
 def check_output(
@@ -71,6 +75,20 @@ def working(path: Path) -> Iterator[None]:
         stack.callback(package.setLevel, previous)
         with about(path):
             yield
+
+
+@contextmanager
+def training_bar() -> Iterator[Callable[["TrainingProgress", int], None]]:
+    """Show how far training is, and how good, on a terminal."""
+    columns = TextColumn("{task.description:<40}"), BarColumn(), TimeRemainingColumn()
+    with Progress(*columns, console=Console(stderr=True), disable=not sys.stderr.isatty()) as bar:
+        task = bar.add_task("bodies", total=None)
+
+        def show(now: "TrainingProgress", steps: int) -> None:
+            text = f"parts {now.agreement:.1%}  joints {100 * now.joint_error:.1f} % off"
+            bar.update(task, description=text, completed=now.step, total=steps)
+
+        yield show
 
 
 class StageBar(logging.Handler):

@@ -12,9 +12,10 @@ from bunraku.evaluate import metrics
 from bunraku.evaluate.families import play_at
 from bunraku.graphs import mesh_edges
 from bunraku.meshes import connected_parts, weld
+from bunraku.routes.from_avatar import AvatarTransfer
 from bunraku.routes.from_depth import Capture, DepthTransfer
 from bunraku.routes.from_rig import RigTransfer
-from bunraku.skinning import clip_transforms, forward_kinematics
+from bunraku.skinning import clip_transforms, forward_kinematics, play_clip
 from bunraku.types import Character, Clip, Mesh, Skin
 
 Transfer = RigTransfer | DepthTransfer
@@ -62,6 +63,43 @@ def report_transfer(
         "map": {"mirrored": transfer.mirrored, "score": transfer.score},
         "skin": describe_skin(transfer.character.skin),
         "clips": [asdict(clip) for clip in describe_clips(source, transfer)],
+    }
+
+
+def report_avatar_transfer(
+    figure_path: str, avatar_path: str, transfer: AvatarTransfer, *, total_seconds: float
+) -> dict[str, object]:
+    """Gather what the poses of an avatar made of a figure.
+
+    Args:
+        figure_path: the figure's file as the user named it.
+        avatar_path: the avatar's at rest, likewise.
+        transfer: what the route gave.
+        total_seconds: from the start of the command, reading included.
+    """
+    moved, clip = transfer.character, transfer.character.clips[0]
+    sample, ends = sample_edges(moved)
+    frames = play_clip(sample, clip)
+    avatar = describe_figure(avatar_path, transfer.performer.mesh)
+    return {
+        "bunraku": __version__,
+        "route": "from_avatar",
+        "figure": describe_figure(figure_path, moved.mesh),
+        "performance": {**avatar, "kind": transfer.avatar.kind, "poses": len(clip.times)},
+        "seconds": {"total": total_seconds, **transfer.seconds},
+        "confidence": transfer.confidence,
+        "warnings": list(transfer.warnings),
+        "map": {"mirrored": False, "score": transfer.confidence, "by": transfer.chosen},
+        "agreement": {"avatar": transfer.avatar.agreement, "figure": transfer.figure.agreement},
+        "skin": describe_skin(moved.skin),
+        "clips": [
+            {
+                "name": clip.name,
+                "seconds": float(clip.times[-1] - clip.times[0]),
+                "frames": len(clip.times),
+                "stretch_p99": metrics.stretch(frames, sample.mesh.vertices, ends),
+            }
+        ],
     }
 
 

@@ -13,19 +13,25 @@ from bunraku.types import Character, FormatError, Mesh
 from bunraku.verbs.engines import name_bones, prepare_for
 from bunraku.verbs.failing import about
 from bunraku.verbs.filming import Film
+from bunraku.verbs.posing import Posed
 from bunraku.verbs.results import Result
 
 
 def write(
-    path: Location, thing: Result | Film | Mesh, *, vrm: bool = False, engine: str | None = None
+    path: Location,
+    thing: Result | Film | Posed | Mesh,
+    *,
+    vrm: bool = False,
+    engine: str | None = None,
 ) -> None:
     """Write a result or a surface, in one step: whoever looks sees the old file or all of the new.
 
     Args:
         path: its suffix decides. A result becomes the figure's own document with skeleton, skin
             and clips (.glb, .vrm), its motion alone (.bvh; several clips become NAME-CLIP.bvh), or
-            its report (.json). A mesh becomes .obj, .ply or .glb.
-        thing: what `animate`, `rig` or `repose` gave.
+            its report (.json); .obj takes the surface of a posed figure alone (several poses become
+            NAME-001.obj). A mesh becomes .obj, .ply or .glb.
+        thing: what `animate`, `rig`, `repose` or `pose` gave.
         vrm: say which joints are which bones of a human, by VRM 1.0; .vrm says it too.
         engine: name joints and clips as blender, godot, unity or unreal know them.
 
@@ -40,7 +46,9 @@ def write(
         _write_result(path, thing, vrm=vrm, engine=engine)
 
 
-def _write_result(path: Location, result: Result | Film, *, vrm: bool, engine: str | None) -> None:
+def _write_result(
+    path: Location, result: Result | Film | Posed, *, vrm: bool, engine: str | None
+) -> None:
     character = prepare_for(result.character, engine)
     match Path(path).suffix.lower():
         case ".glb" | ".vrm":
@@ -48,6 +56,8 @@ def _write_result(path: Location, result: Result | Film, *, vrm: bool, engine: s
             write_character(path, result.figure, character, bones=bones, make_vrm=vrm)
         case ".bvh":
             write_motions(path, character)
+        case ".obj" if isinstance(result, Posed):
+            write_poses(path, result)
         case ".json":
             write_report(path, result.report)
         case other:
@@ -69,6 +79,16 @@ def write_motions(path: Location, character: Character) -> list[Path]:
         own = place if alone else place.with_name(f"{place.stem}-{plain}{place.suffix}")
         write_motion(own, character.skeleton, clip)
         written.append(own)
+    return written
+
+
+def write_poses(path: Location, posed: Posed) -> list[Path]:
+    """Write the figure in a pose as OBJ, of several each into its own file; list the files."""
+    place, count = Path(path), len(posed.surfaces)
+    names = [place.with_name(f"{place.stem}-{i:03d}{place.suffix}") for i in range(1, count + 1)]
+    written = [place] if count == 1 else names
+    for name, surface in zip(written, posed.surfaces, strict=True):
+        write_mesh(name, surface)
     return written
 
 

@@ -1,0 +1,191 @@
+"""Avatars as performances: an avatar at rest and posed lets a figure take its poses."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from bunraku import builtin
+from bunraku.errors import Code, announce
+from bunraku.evaluate.report import report_avatar_transfer
+from bunraku.formats import read_figure
+from bunraku.formats.files import Location, read_bytes
+from bunraku.graphs import mesh_edges
+from bunraku.neural.parts import Reader
+from bunraku.routes.from_avatar import AvatarTransfer, animate_from_avatar
+from bunraku.skinning import play_clip
+from bunraku.types import Character, Figure, FormatError, Mesh
+from bunraku.verbs.animating import as_figure
+from bunraku.verbs.failing import about
+
+RATE = 24.0  # poses a second
+TORN = (
+    3.0  # times its length at rest; edges of a pose in another vertex order are longer or shorter
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Posed:
+    """A figure in an avatar's poses, and how it came about; `bunraku.write` puts it into files."""
+
+    figure: Figure  # as it was found
+    avatar: str  # the avatar's file at rest, as given
+    transfer: AvatarTransfer  # every stage of the route
+    total_seconds: float  # reading included
+
+    @property
+    def character(self) -> Character:
+        """The figure as found, with the avatar's parts as its joints; its clip are the poses."""
+        return self.transfer.character
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the route found doubtful, in plain words."""
+        return self.transfer.warnings
+
+    @property
+    def confidence(self) -> float:
+        """How far to trust the result, 0 to 1."""
+        return self.transfer.confidence
+
+    @cached_property
+    def surfaces(self) -> tuple[Mesh, ...]:
+        """The figure in every pose: the surface alone, in metres, Y up."""
+        frames = play_clip(self.character, self.character.clips[0])
+        return tuple(Mesh(vertices, self.character.mesh.faces) for vertices in frames)
+
+    @cached_property
+    def report(self) -> dict[str, object]:
+        """How far to trust the result, in numbers: what `--report` writes."""
+        return report_avatar_transfer(
+            self.figure.path, self.avatar, self.transfer, total_seconds=self.total_seconds
+        )
+
+
+def pose(
+    figure: Location | Figure | Mesh,
+    rest: Location | Mesh,
+    posed: Sequence[Location | Mesh],
+    *,
+    rate: float = RATE,
+    network: Location | None = None,
+    seed: int = 0,
+    up: str | None = None,
+    facing: str | None = None,
+    force: bool = False,
+) -> Posed:
+    """Put a figure into the poses of an avatar: a body at rest and posed, without any rig.
+
+    Args:
+        figure: what is to move, at rest: a file, or what `read` gave, or a Mesh.
+        rest: the avatar at rest, a person or a quadruped, in about the figure's rest pose.
+        posed: the same avatar posed, vertex by vertex; several poses make a clip.
+        rate: poses a second, in that clip.
+        network: a file that `bunraku train shape` wrote; the built-in network without.
+        seed: of the samples that the network reads.
+        up: the axis of the figure's file that is up, y or z, if its format does not say.
+        facing: the axis along which the figure looks, such as -y.
+        force: give the result even if the figure is hardly understood.
+
+    Raises:
+        FormatError: if a file cannot be read, a pose has other vertices than the avatar at rest,
+            or PyTorch is not installed.
+        MatchError: if the figure cannot be understood well enough.
+    """
+    began = time.perf_counter()
+    found = as_figure(figure, up=up, facing=facing)
+    if not posed:
+        raise FormatError("--posed", "", "no pose is given; name a file", code=Code.OPTION)
+    if not 0 < rate < 1000:
+        raise FormatError("--rate", "", f"is {rate}; wanted 1 to 1000", code=Code.OPTION)
+    name, avatar = _read_avatar(rest)
+    poses = np.stack([_read_pose(avatar, name, one) for one in posed])
+    with about(found.path):
+        transfer = animate_from_avatar(
+            load_reader(network, seed), avatar, poses, found.mesh, rate=rate, force=force
+        )
+    for message in transfer.warnings:
+        announce(found.path, message, code=Code.MATCH_DOUBTFUL)
+    return Posed(found, name, transfer, time.perf_counter() - began)
+
+
+def _read_avatar(place: Location | Mesh) -> tuple[str, Mesh]:
+    """Read an avatar, unless it is one."""
+    if isinstance(place, Mesh):
+        return "avatar", place
+    with about(str(place)):
+        return str(place), read_figure(place).mesh
+
+
+def _read_pose(avatar: Mesh, avatar_name: str, place: Location | Mesh) -> Float[np.ndarray, "v 3"]:
+    """Read one pose, and make sure that its vertices are the avatar's."""
+    name, mesh = _read_avatar(place)
+    code = Code.AVATAR_POSED
+    if len(mesh.vertices) != len(avatar.vertices):
+        raise FormatError(
+            name,
+            "",
+            f"has {len(mesh.vertices)} vertices, but the avatar at rest ({Path(avatar_name).name}) "
+            f"has {len(avatar.vertices)}; export both from one mesh, in the same vertex order",
+            code=code,
+        )
+    if not len(avatar.faces):
+        return mesh.vertices
+    ends = mesh_edges(avatar.faces)
+    before, after = (
+        np.linalg.norm(v[ends[:, 0]] - v[ends[:, 1]], axis=1)
+        for v in (avatar.vertices, mesh.vertices)
+    )
+    real = before > 1e-9 * max(float(before.max(initial=0.0)), 1e-30)
+    ratio = after[real] / before[real]
+    typical = float(np.median(ratio)) if len(ratio) else 1.0
+    scale = float(np.ptp(mesh.vertices, axis=0).max() / np.ptp(avatar.vertices, axis=0).max())
+    torn = (ratio > TORN * scale) | (ratio < scale / TORN)
+    if len(ratio) and torn.mean() > 0.3:
+        message = (
+            f"tears {torn.mean():.0%} of the edges of the avatar at rest: its vertices are in "
+            "another order, or of another mesh; export both from one mesh"
+        )
+        raise FormatError(name, "", message, code=code)
+    if not 1 / TORN < typical < TORN:
+        message = (
+            f"is {typical:.3g} times as large as the avatar at rest; export both in the same unit"
+        )
+        raise FormatError(name, "", message, code=code)
+    return mesh.vertices
+
+
+def load_reader(network: Location | None, seed: int, *, purpose: str = "bunraku pose") -> Reader:
+    """Load the network, the built-in one unless another is named.
+
+    Raises:
+        FormatError: if PyTorch is not there, or the file holds no such network.
+    """
+    need_torch(purpose)
+    from bunraku.neural import understanding
+
+    if network is None:
+        return understanding.load_reader(builtin.shape_network(), seed=seed)
+    try:
+        return understanding.load_reader(read_bytes(network), seed=seed)
+    except (KeyError, RuntimeError, ValueError) as error:
+        if isinstance(error, FormatError):
+            raise
+        message = "holds no shape network; make one with bunraku train shape"
+        raise FormatError(network, "", message, code=Code.NETWORK) from error
+
+
+def need_torch(purpose: str) -> None:
+    """Say how to install PyTorch, if it is not there.
+
+    Raises:
+        FormatError: if it is not there.
+    """
+    if find_spec("torch") is None or find_spec("safetensors") is None:
+        message = 'needs PyTorch, which is not installed: pip install "bunraku[neural]"'
+        raise FormatError(purpose, "", message, code=Code.EXTRA_MISSING)

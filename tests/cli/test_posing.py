@@ -1,0 +1,58 @@
+import numpy as np
+import pytest
+
+import bunraku
+from bunraku.cli import run
+from bunraku.cli.posing import spread_values
+from bunraku.neural.corpus import draw_sculpted
+from bunraku.types import Mesh
+
+
+def test_several_poses_may_follow_one_option():
+    given = ["pose", "hero.obj", "--rest", "a.obj", "--posed", "b.obj", "c.obj", "-o", "out.glb"]
+    wanted = ["pose", "hero.obj", "--rest", "a.obj", "--posed", "b.obj", "--posed", "c.obj"]
+    assert spread_values(given) == [*wanted, "-o", "out.glb"]
+
+
+def test_a_figure_after_the_poses_is_a_figure():
+    given = ["pose", "--rest", "a.obj", "--posed", "b.obj", "hero.obj", "-o", "out.glb"]
+    assert spread_values(given) == given
+
+
+def test_other_commands_are_left_alone():
+    assert spread_values(["animate", "a", "--posed", "b", "c"]) == [
+        "animate",
+        "a",
+        "--posed",
+        "b",
+        "c",
+    ]
+    assert spread_values([]) == []
+
+
+@pytest.fixture
+def files(tmp_path):
+    rng = np.random.default_rng(3)
+    avatar, figure = draw_sculpted("rounded", rng), draw_sculpted("rounded", rng)
+    bunraku.write(tmp_path / "rest.obj", avatar.mesh)
+    bunraku.write(tmp_path / "hero.obj", figure.mesh)
+    bent = avatar.mesh.vertices * [1.0, 0.98, 1.0]
+    bunraku.write(tmp_path / "bent.obj", Mesh(bent, avatar.mesh.faces))
+    return tmp_path
+
+
+def test_a_figure_is_posed_from_files(files, capsys):
+    pytest.importorskip("torch", reason="torch is not there: pip install bunraku[neural]")
+    poses = ["--posed", str(files / "bent.obj"), str(files / "rest.obj")]
+    out, report = files / "out.glb", files / "out.json"
+    arguments = ["pose", str(files / "hero.obj"), "--rest", str(files / "rest.obj"), *poses]
+    assert run([*arguments, "-o", str(out), "--report", str(report), "--force"]) == 0
+    assert len(bunraku.read_performer(out).clips[0].times) == 2 and report.exists()
+
+
+def test_a_pose_of_another_mesh_ends_in_one_line(files, capsys):
+    arguments = ["pose", str(files / "hero.obj"), "--rest", str(files / "rest.obj")]
+    assert run([*arguments, "--posed", str(files / "hero.obj"), "-o", str(files / "o.glb")]) == 2
+    line = capsys.readouterr().err.strip()
+    assert line.startswith("error: ") and "[AVATAR_POSED]" in line and len(line) <= 300
+    assert "\n" not in line and not (files / "o.glb").exists()

@@ -1,0 +1,115 @@
+import numpy as np
+import pytest
+
+import bunraku
+from bunraku.errors import Code
+from bunraku.neural.bodies import pose_body
+from bunraku.neural.corpus import draw_sculpted
+from bunraku.neural.variation import chain_turns
+from bunraku.rotations import vectors_to_matrices
+from bunraku.skinning import play_clip
+from bunraku.types import FormatError, Mesh
+from bunraku.verbs import posing, training
+
+
+@pytest.fixture(scope="module")
+def avatar():
+    return draw_sculpted("rounded", np.random.default_rng(3))
+
+
+@pytest.fixture(scope="module")
+def poses(avatar):
+    own = np.random.default_rng(5).normal(0, 0.3, (2, len(avatar.joints), 3))
+    turned = pose_body(avatar, chain_turns(avatar.anatomy, vectors_to_matrices(own)))
+    return [Mesh(vertices, avatar.mesh.faces) for vertices in turned]
+
+
+@pytest.fixture(scope="module")
+def posed(avatar, poses):
+    pytest.importorskip("torch", reason="torch is not there: pip install bunraku[neural]")
+    figure = draw_sculpted("rounded", np.random.default_rng(8))
+    return bunraku.pose(figure.mesh, avatar.mesh, poses, force=True)
+
+
+def test_a_figure_takes_poses_and_plays_them_as_a_clip(posed):
+    character = posed.character
+    assert len(character.clips[0].times) == 2 and len(posed.surfaces) == 2
+    frames = play_clip(character, character.clips[0])
+    assert np.isfinite(frames).all()
+    assert np.abs(frames[0] - character.mesh.vertices).max() > 0.05
+    assert posed.report["route"] == "from_avatar" and 0 <= posed.confidence <= 1
+
+
+def test_it_is_written_as_a_rigged_file_and_as_surfaces(posed, tmp_path):
+    bunraku.write(tmp_path / "out.glb", posed)
+    again = bunraku.read_performer(tmp_path / "out.glb")
+    assert len(again.clips) == 1 and len(again.skeleton.names) == 20
+    bunraku.write(tmp_path / "out.obj", posed)
+    assert sorted(path.name for path in tmp_path.glob("*.obj")) == ["out-001.obj", "out-002.obj"]
+    surface = bunraku.read(tmp_path / "out-002.obj").mesh
+    assert np.allclose(surface.vertices, posed.surfaces[1].vertices, atol=1e-5)
+    bunraku.write(tmp_path / "out.json", posed)
+
+
+def refuse(figure, rest, posed, match, code):
+    with pytest.raises(FormatError, match=match) as caught:
+        bunraku.pose(figure, rest, posed)
+    assert caught.value.code is code
+
+
+def test_a_pose_with_other_vertices_is_refused(avatar, cube):
+    other = Mesh(avatar.mesh.vertices[:-1], avatar.mesh.faces[:0])
+    refuse(cube, avatar.mesh, [other], "same vertex order", Code.AVATAR_POSED)
+
+
+def test_a_pose_with_shuffled_vertices_is_refused(avatar, cube, rng):
+    shuffled = Mesh(rng.permutation(avatar.mesh.vertices), avatar.mesh.faces)
+    refuse(cube, avatar.mesh, [shuffled], "another order", Code.AVATAR_POSED)
+
+
+def test_a_pose_in_another_unit_is_refused(avatar, cube):
+    large = Mesh(100 * avatar.mesh.vertices, avatar.mesh.faces)
+    refuse(cube, avatar.mesh, [large], "100 times as large", Code.AVATAR_POSED)
+
+
+def test_no_pose_at_all_is_refused(avatar, cube):
+    refuse(cube, avatar.mesh, [], "no pose", Code.OPTION)
+
+
+def test_without_torch_it_says_how_to_install_it(avatar, cube, monkeypatch):
+    monkeypatch.setattr(posing, "find_spec", lambda name: None)
+    refuse(cube, avatar.mesh, [avatar.mesh], r"bunraku\[neural\]", Code.EXTRA_MISSING)
+
+
+def test_a_file_that_is_no_network_is_refused(avatar, cube, tmp_path):
+    pytest.importorskip("torch", reason="torch is not there: pip install bunraku[neural]")
+    for content in (b"nonsense", b"\x02\0\0\0\0\0\0\0{}", b"\xff" * 64):
+        path = tmp_path / "network.safetensors"
+        path.write_bytes(content)
+        with pytest.raises(FormatError, match="no shape network") as caught:
+            bunraku.pose(cube, avatar.mesh, [avatar.mesh], network=path)
+        assert caught.value.code is Code.NETWORK
+
+
+def test_training_writes_weights_and_goes_on_after_a_stop(tmp_path, monkeypatch):
+    pytest.importorskip("torch", reason="torch is not there: pip install bunraku[neural]")
+    from bunraku.neural.corpus import Size
+
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    size = Size(people=0, outfits=0, sculpted=2, quadrupeds=2)
+    whole, halves = tmp_path / "a" / "whole.safetensors", tmp_path / "halves.safetensors"
+    training.train_shape(whole, steps=2, size=size)
+    line = training.train_shape(halves, steps=2, size=size, minutes=0.0)
+    assert "step 1 of 2" in line and not halves.exists()
+    training.train_shape(halves, steps=2, size=size, resume=True)
+    assert halves.read_bytes() == whole.read_bytes()
+
+
+def test_resuming_what_was_never_begun_is_refused(tmp_path, monkeypatch):
+    pytest.importorskip("torch", reason="torch is not there: pip install bunraku[neural]")
+    from bunraku.neural.corpus import Size
+
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    with pytest.raises(FormatError, match="checkpoint"):
+        size = Size(people=0, outfits=0, sculpted=1, quadrupeds=1)
+        training.train_shape(tmp_path / "none.safetensors", resume=True, size=size)
