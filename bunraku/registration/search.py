@@ -319,7 +319,7 @@ def register_body(
     at_rest = doubt(plain) < AS_GOOD * doubt(best)
     chosen = plain if at_rest else best
     pose, freed = free_from_rig(fitting_puppet(body.puppet, chosen), chosen.pose, surface)
-    if chosen.home is None:  # of a stretched body the surface tells no more than the stretch
+    if chosen is best and best.home is None:  # elsewhere the surface tells no more of turns
         pose = settle(body.puppet, pose, freed)
     misses = tuple(other.error for other in others)
     fitted, joints = freed * scale + centre, posed_joints(body, pose) * scale + centre
