@@ -61,6 +61,7 @@ class Code(Enum):
     MESH_UNUSED = "vertices belong to no face; they move with their neighbours"
     MESH_DOUBLED = "faces are there more than once"
     MESH_OPEN = "edges have one face only: the surface is open"
+    MESH_HALF = "the surface is cut off along a plane at one side: the other half may be missing"
     MESH_NON_MANIFOLD = "edges have three faces or more"
     MESH_TURNED = "neighbouring faces disagree on which side is outside"
     MESH_UP = "the figure seems to lie: another axis than the format's may be up"

@@ -24,6 +24,7 @@ from bunraku.skinning import forward_kinematics
 from bunraku.types import FormatError, Mesh
 
 Vector = tuple[float, float, float]
+FLOOR = 0.01  # of the longest extent: so near to 0 lies the floor that a figure stands on
 SEVERITIES = {NOTE: "note", WARNING: "warning"}
 
 
@@ -149,12 +150,8 @@ def _inspect_gltf(found: Inspection, content: bytes) -> Inspection:
     """Say what a glTF file holds."""
     told = gltf.describe(found.path, content)
     mesh: Mesh | None = told["mesh"]
-    if mesh is None and not told["joints"]:
-        message = "shows no mesh and holds no rig; export it with its surface"
-        raise FormatError(found.path, "/meshes", message, code=Code.MESH_EMPTY)
     if mesh is None:
-        message = "has a rig but no surface: nothing can be animated, or animate others, with it"
-        announce(found.path, message, code=Code.RIG_NO_SURFACE, where="/meshes")
+        _check_library(found.path, told["joints"], len(told["clips"]))
     found = replace(
         found,
         kind="character" if told["joints"] else "figure",
@@ -172,10 +169,35 @@ def _inspect_gltf(found: Inspection, content: bytes) -> Inspection:
     )
     if mesh is None:
         return _add_bounds(found, told["places"])
-    if guess_up(mesh, "gltf") != "y":
-        message = "the figure may lie: by its shape, z is up; check, or give --up z"
-        announce(found.path, message, code=Code.MESH_UP, level=NOTE)
+    _check_up(found.path, mesh)
     return _inspect_surface(found, mesh)
+
+
+def _check_up(path: str, mesh: Mesh) -> None:
+    """Tell that a glTF figure seems to lie, or to stand on its head, by its shape and its floor."""
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    near = FLOOR * (high - low).max()
+    if high[1] <= near and low[1] < -near:
+        message = "the whole figure is below y = 0: it may stand on its head; check"
+        announce(path, message, code=Code.MESH_UP)
+    elif guess_up(mesh, "gltf") != "y":
+        message = "the figure may lie: by its shape, z is up; check, or give --up z"
+        on_z = abs(low[2]) <= near and abs(low[1]) > near
+        announce(path, message, code=Code.MESH_UP, level=WARNING if on_z else NOTE)
+
+
+def _check_library(path: str, joints: int, clips: int) -> None:
+    """Tell that there is no surface; refuse unless clips of a skeleton are worth a look."""
+    if not joints:
+        message = "shows no mesh and holds no rig; export it with its surface"
+        raise FormatError(path, "/meshes", message, code=Code.MESH_EMPTY)
+    if joints == 1 or not clips:
+        message = (
+            f"holds {joints} joints and {clips} clips, but no surface; export it with its mesh"
+        )
+        raise FormatError(path, "/meshes", message, code=Code.RIG_NO_SURFACE)
+    message = "has a rig but no surface: nothing can be animated, or animate others, with it"
+    announce(path, message, code=Code.RIG_NO_SURFACE, where="/meshes")
 
 
 def _inspect_motion(found: Inspection) -> Inspection:

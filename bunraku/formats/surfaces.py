@@ -12,6 +12,8 @@ from bunraku.types import Mesh
 
 FLAT = 1e-4  # thickness of a sheet, as a share of the longest extent
 FEW_FACES = 100
+FEWEST_CUT = 12  # edges along which a half is cut off
+CUT = 1e-3  # of the width: so flat is a cut
 NO_AREA = 1e-14  # twice a face's area, as a share of the largest coordinate squared
 
 
@@ -70,6 +72,9 @@ def check_surface(path: Location, mesh: Mesh, surface: Surface) -> None:
     count, empty = len(mesh.faces), int((areas <= NO_AREA).sum())
     if empty == count:
         announce(path, "no face has an area: it cannot be animated", code=Code.MESH_NO_AREA)
+    if count >= FEW_FACES and _is_half(mesh, surface):
+        message = "is open along a plane at one side: a half? apply the mirror, and export again"
+        announce(path, message, code=Code.MESH_HALF)
     flat = int(extent.min() < FLAT * extent.max())
     odd = (
         (Code.MESH_ZERO_AREA, empty * (empty < count), "faces have no area", WARNING),
@@ -94,6 +99,20 @@ def check_surface(path: Location, mesh: Mesh, surface: Surface) -> None:
     for code, times, message, level in odd:
         if times:
             announce(path, f"{times} {message}", code=code, level=level)
+
+
+def _is_half(mesh: Mesh, surface: Surface) -> bool:
+    """Tell whether a surface is open along one side only, in a plane: a half to be mirrored."""
+    if surface.boundary_edges < FEWEST_CUT or surface.non_manifold_edges:
+        return False
+    welded, faces, _ = weld(mesh.vertices, mesh.faces)
+    edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    keys = edges[:, 0] * len(welded) + edges[:, 1]
+    _, first, times = np.unique(keys, return_index=True, return_counts=True)
+    across = welded[edges[first[times == 1]], 0]
+    sides = np.array([mesh.vertices[:, 0].min(), mesh.vertices[:, 0].max()])
+    in_plane = np.abs(across[..., None] - sides) <= CUT * np.ptp(sides)
+    return bool((in_plane.all(axis=1).mean(axis=0) > 0.9).any())
 
 
 def _count_doubled(faces: Int[np.ndarray, "faces 3"]) -> int:

@@ -65,13 +65,13 @@ def capture(folder: Location) -> Film:
     if find_spec("pygel3d") is None:
         message = 'skeletons of depth videos need pygel3d: pip install "bunraku[depth]"'
         raise FormatError(folder, "", message, code=Code.EXTRA_MISSING)
+    check_depth(folder, video)
     try:
         captured = capture_performer(video)
     except FormatError:
         raise
     except ValueError as error:
         raise FormatError(folder, "", str(error), code=Code.DEPTH_SUBJECT) from error
-    check_depth(folder, video)
     for message in captured.warnings:
         announce(folder, message, code=Code.MATCH_DOUBTFUL)
     return Film(str(folder), captured, time.perf_counter() - began)

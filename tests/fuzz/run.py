@@ -2,7 +2,7 @@
 
     python -m tests.fuzz.run                          all formats, a minute each
     python -m tests.fuzz.run glb obj --count 100000   so many mutants of each
-    python -m tests.fuzz.run --count 100000 --workers 2 --progress FILE    goes on where it was cut off
+    python -m tests.fuzz.run --count 100000 --workers 2    several processes; goes on if cut off
     python -m tests.fuzz.run ply --seconds 600 --atheris    one format, by coverage (needs atheris)
 
 A mutant is known by its format, the seed and its number, so that any run makes it again. Whatever
