@@ -1,6 +1,8 @@
 """Every fault of an input by its stable code, in one place; docs/errors.md is written from it."""
 
 import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
 from enum import Enum
 
 NOTE = (logging.INFO + logging.WARNING) // 2  # level of what is odd, but does no harm
@@ -127,5 +129,37 @@ def announce(
         level: NOTE or WARNING.
     """
     place = f"{where}: " if where else ""
-    fault = {"code": code, "where": where, "found": message}
+    fault = {"code": code, "where": where, "found": message, "about": path}
     logger.log(level, "%s: %s%s", path, place, message, extra=fault)
+
+
+def doubt(message: str) -> None:
+    """Log what makes a match doubtful, from where no file is known; whoever calls names it."""
+    fault = {"code": Code.MATCH_DOUBTFUL, "where": "", "found": message, "about": None}
+    logger.warning("%s", message, extra=fault)
+
+
+@contextmanager
+def collecting_doubts() -> Iterator[list[str]]:
+    """Collect what is logged by `doubt`, each message once."""
+    handler, package = _DoubtHandler(WARNING), logging.getLogger("bunraku")
+    package.addHandler(handler)
+    try:
+        yield handler.messages
+    finally:
+        package.removeHandler(handler)
+
+
+class _DoubtHandler(logging.Handler):
+    """Keep the doubts among all records."""
+
+    def __init__(self, level: int) -> None:
+        super().__init__(level)
+        self.messages: list[str] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Keep a record that `doubt` made, in the thread that waits for it."""
+        fault = record.__dict__
+        is_doubt = fault.get("code") is Code.MATCH_DOUBTFUL and fault["about"] is None
+        if is_doubt and fault["found"] not in self.messages:
+            self.messages.append(fault["found"])

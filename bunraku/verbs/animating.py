@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bunraku.errors import Code, announce
+from bunraku.errors import Code, announce, collecting_doubts
 from bunraku.formats import read_figure
 from bunraku.formats.files import Location
 from bunraku.retargeting import retarget_clip
@@ -169,10 +169,11 @@ def _match(
 ) -> RigTransfer:
     """Run the route, and announce what it found doubtful."""
     placed = place_landmarks(read_landmarks(landmarks, performer), found)
-    with about(found.path):
+    with about(found.path), collecting_doubts() as doubts:
         transfer = animate_from_rig(
             performer, found.mesh, clips=clips, seed=seed, force=force, landmarks=placed
         )
+    transfer = replace(transfer, warnings=(*transfer.warnings, *doubts))
     for message in transfer.warnings:
         announce(found.path, message, code=Code.MATCH_DOUBTFUL)
     return transfer

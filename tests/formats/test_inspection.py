@@ -204,7 +204,9 @@ def test_a_figure_below_the_floor_or_on_its_back_is_told(told, cube):
     found = codes(told(lying, "a.glb"))["MESH_UP"]
     assert "the figure may lie" in found.message
     assert found.severity == "warning"
-    afloat = codes(told(Mesh(lying.vertices + np.array([0, 0, 5]), lying.faces), "a.glb"))["MESH_UP"]
+    afloat = codes(told(Mesh(lying.vertices + np.array([0, 0, 5]), lying.faces), "a.glb"))[
+        "MESH_UP"
+    ]
     assert afloat.severity == "note"
 
 
