@@ -60,7 +60,7 @@ def test_an_announcement_carries_its_parts(caplog):
 
 
 def test_doubts_are_collected_once_and_named_by_who_prints_them(capsys):
-    with printing_warnings("a.obj"), collecting_doubts() as doubts:
+    with printing_warnings(Path("a.obj")), collecting_doubts() as doubts:
         doubt("travel is a guess")
         doubt("travel is a guess")
         announce("a.obj", "fits poorly", code=Code.MATCH_DOUBTFUL)
