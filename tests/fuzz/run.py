@@ -3,7 +3,6 @@
     python -m tests.fuzz.run                          all formats, a minute each
     python -m tests.fuzz.run glb obj --count 100000   so many mutants of each
     python -m tests.fuzz.run --count 100000 --workers 2    several processes; goes on if cut off
-    python -m tests.fuzz.run ply --seconds 600 --atheris    one format, by coverage (needs atheris)
 
 A mutant is known by its format, the seed and its number, so that any run makes it again. Whatever
 escapes is written to `fuzz-findings/`, and the run fails. A finding becomes a small file in
@@ -101,7 +100,7 @@ def search(
     """Read mutants until all are read or time is up: how often each outcome came."""
     outcomes: Counter[str] = Counter()
     end = time.monotonic() + seconds
-    with tempfile.TemporaryDirectory(dir=_memory()) as folder:
+    with tempfile.TemporaryDirectory(dir=memory()) as folder:
         path = Path(folder) / f"mutant.{kind}"
         for number in numbers:
             if time.monotonic() > end:
@@ -138,7 +137,7 @@ def search_everywhere(
             totals[chunk["kind"]].update(chunk["outcomes"])
     starts = [(kind, start) for kind in kinds for start in range(0, count, CHUNK)]
     chunks = [(kind, start, min(start + CHUNK, count)) for kind, start in starts]
-    with ProcessPoolExecutor(workers, initializer=_be_quiet) as pool, progress.open("a") as notes:
+    with ProcessPoolExecutor(workers, initializer=be_quiet) as pool, progress.open("a") as notes:
         waiting = {
             pool.submit(search, kind, range(start, stop), seed=seed): (kind, start, stop)
             for kind, start, stop in chunks
@@ -153,43 +152,12 @@ def search_everywhere(
     return totals
 
 
-def search_by_coverage(kind: str, *, seconds: float) -> None:
-    """Let atheris steer the mutations to code that none has reached; it ends the program itself."""
-    import atheris
-
-    folder = tempfile.mkdtemp(dir=_memory())
-    path, seeds = Path(folder) / f"mutant.{kind}", Path(folder) / "seeds"
-    seeds.mkdir()
-    for number, content in enumerate(seeds_of(kind)):
-        (seeds / str(number)).write_bytes(content)
-
-    def read_one(content: bytes) -> None:
-        path.write_bytes(content)
-        read_all(path, kind)
-
-    def mutate_one(content: bytes, longest: int, seed: int) -> bytes:
-        rng = np.random.default_rng(seed)
-        if rng.random() < 0.3:
-            return atheris.Mutate(content, longest)
-        return mutate(content, rng)[:longest]
-
-    for module in [m for name, m in sys.modules.items() if name.startswith("bunraku.formats")]:
-        for name, item in vars(module).items():
-            if hasattr(item, "__code__") and getattr(item, "__module__", "") == module.__name__:
-                setattr(module, name, atheris.instrument_func(item))
-    FINDINGS.mkdir(exist_ok=True)
-    options = [f"-max_total_time={int(seconds)}", "-max_len=100000", "-timeout=10", str(seeds)]
-    options.append(f"-artifact_prefix={FINDINGS}/")
-    atheris.Setup([sys.argv[0], *options], read_one, custom_mutator=mutate_one)
-    atheris.Fuzz()
-
-
-def _memory() -> str | None:
+def memory() -> str | None:
     """Give a folder in memory, where there is one."""
     return "/dev/shm" if Path("/dev/shm").is_dir() else None
 
 
-def _be_quiet() -> None:
+def be_quiet() -> None:
     """Print no warnings of readers: they are no findings."""
     logging.getLogger("bunraku").addHandler(logging.NullHandler())
 
@@ -203,11 +171,8 @@ def main() -> int:
     parser.add_argument("--workers", type=int, default=1, help="processes, with --count")
     parser.add_argument("--progress", type=Path, default=FINDINGS / "progress.jsonl")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--atheris", action="store_true", help="one format, steered by coverage")
     options = parser.parse_args()
-    _be_quiet()
-    if options.atheris:
-        search_by_coverage(options.kinds[0], seconds=options.seconds)
+    be_quiet()
     options.progress.parent.mkdir(exist_ok=True)
     if options.count:
         workers, progress = options.workers, options.progress
