@@ -104,6 +104,10 @@ class Code(Enum):
     BVH_FRAME_TIME = "the frame time is no number of seconds above 0"
     BVH_JOINTS = "joints share a name, have several roots or end without an end site"
 
+    FBX_RECORDS = "the records or objects of an FBX file do not fit together: it is damaged"
+    FBX_VERSION = "an FBX file written as text, or older than version 7: save it as binary FBX"
+    FBX_LEFT_OUT = "something in an FBX file is not read: textures, blend shapes, more layers"
+
     DEPTH_FRAMES = "depth frames are missing, of several sizes, no 16-bit pictures, or have gaps"
     DEPTH_INTRINSICS = "the lens of a depth camera is missing, or impossible: fx, fy, cx, cy, scale"
     DEPTH_MASK = "masks of the subject are missing for some frames, or of another size"

@@ -15,6 +15,7 @@ from bunraku.formats import gltf
 from bunraku.formats.axes import guess_up, world_from_axes
 from bunraku.formats.depth_checks import check_depth
 from bunraku.formats.depth_video import frame_files, is_depth_folder, read_depth
+from bunraku.formats.fbx import convert_to_glb
 from bunraku.formats.files import Location, read_bytes
 from bunraku.formats.meshes import merge_pieces, read_pieces
 from bunraku.formats.reading import read_motion
@@ -134,6 +135,8 @@ def _inspect(path: Location) -> Inspection:
     found = Inspection(os.fspath(path), "figure", kind, len(content))
     if kind == "bvh":
         return _inspect_motion(found)
+    if kind == "fbx":
+        return _inspect_gltf(found, convert_to_glb(path, content))
     if kind == "gltf":
         return _inspect_gltf(found, content)
     pieces, materials = read_pieces(path, content, kind)
