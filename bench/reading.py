@@ -7,7 +7,7 @@ two numbers are alike. `obj+` has UVs and normals on every corner; `ply` is bina
 text. Each file is inspected by a process of its own.
 """
 
-import os
+import resource
 import subprocess
 import sys
 import tempfile
@@ -22,7 +22,16 @@ from bunraku.formats import write_mesh
 from bunraku.types import Mesh
 
 FORMATS = ("obj", "obj+", "ply", "ply-ascii", "stl", "stl-ascii", "off", "glb")
-RUN = "from bunraku.cli import main; main()"
+RUN = """
+import sys
+from bunraku.cli import run
+from bunraku.cli.memory import keep_freed_memory
+keep_freed_memory()
+code = run(sys.argv[1:])
+peak = next(line for line in open("/proc/self/status") if line.startswith("VmHWM"))
+print(peak.split()[1], file=sys.stderr)
+sys.exit(code)
+"""
 
 
 def rough_sphere(count: int) -> Mesh:
@@ -102,15 +111,13 @@ def main() -> None:
     for kind in words or FORMATS:
         with tempfile.TemporaryDirectory() as folder:
             path = write(Path(folder), mesh, kind)
-            began = time.perf_counter()
-            child = subprocess.Popen(
-                [sys.executable, "-c", RUN, "inspect", str(path)], stdout=subprocess.DEVNULL
-            )
-            _, status, usage = os.wait4(child.pid, 0)
-            assert status == 0, f"{kind} was not read"
+            before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+            command = [sys.executable, "-c", RUN, "inspect", str(path)]
+            child = subprocess.run(command, check=True, capture_output=True, text=True)
             waited, size = time.perf_counter() - began, path.stat().st_size / 2**20
-        used = usage.ru_utime + usage.ru_stime
-        rows.append([kind, size, waited, used, usage.ru_maxrss / 1024])
+            after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        used = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+        rows.append([kind, size, waited, used, int(child.stderr.splitlines()[-1]) / 1024])
     columns = ["format", "MiB", "seconds", "CPU seconds", "peak MiB"]
     title = f"bunraku inspect, {len(mesh.vertices)} vertices, {len(mesh.faces)} faces"
     Console(width=100).print(make_table(title, columns, rows))
