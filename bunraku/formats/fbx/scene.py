@@ -22,6 +22,13 @@ FRAME_RATES = {
 Properties = dict[str, tuple[Any, ...]]
 
 
+def first_number(properties: Properties, name: str, default: float) -> float:
+    """Give a property of one finite number, or else the default."""
+    value = (properties.get(name) or (default,))[0]
+    sound = isinstance(value, int | float) and abs(value) < limits.COORDINATE
+    return float(value) if sound else default
+
+
 @dataclass(frozen=True, eq=False)
 class Thing:
     """An object: a model (node), geometry, deformer, curve, ..."""
@@ -45,9 +52,8 @@ class Thing:
         return np.array(numbers if len(numbers) == 3 else [default] * 3, np.float64)
 
     def number_of(self, name: str, default: float = 0.0) -> float:
-        """Give a property of one number."""
-        value = (self.properties.get(name) or (default,))[0]
-        return float(value) if isinstance(value, int | float) else default
+        """Give a property of one number; what is none counts as not given."""
+        return first_number(self.properties, name, default)
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,9 +79,8 @@ class Scene:
                 yield found
 
     def setting(self, name: str, default: float) -> float:
-        """Give a number of the file's settings."""
-        value = (self.settings.get(name) or (default,))[0]
-        return float(value) if isinstance(value, int | float) else default
+        """Give a number of the file's settings; what is none counts as not given."""
+        return first_number(self.settings, name, default)
 
 
 def build_scene(path: Location, root: Record) -> Scene:
@@ -137,7 +142,7 @@ def world_from_file(scene: Scene) -> Float[np.ndarray, "3 3"]:
         FormatError: if the settings name one axis twice.
     """
     rows = np.zeros((3, 3))
-    for row, (name, default) in enumerate((("Coord", 0), ("Up", 1), ("Front", 2))):
+    for row, (name, default) in enumerate((("Coord", 0.0), ("Up", 1.0), ("Front", 2.0))):
         axis = int(scene.setting(f"{name}Axis", default))
         sign = scene.setting(f"{name}AxisSign", 1.0)
         if axis in (0, 1, 2):
