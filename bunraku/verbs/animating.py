@@ -45,11 +45,11 @@ def animate(
     """Give a figure a skeleton, a skin and the clips of a performance.
 
     Args:
-        figure: what is to move: a file (.glb .gltf .vrm .obj .ply .stl .off), or what `read`
+        figure: what is to move: a file (.glb .gltf .vrm .fbx .obj .ply .stl .off), or what `read`
             gave, or bare arrays in a Mesh, in metres, Y up, facing +Z.
-        performance: a rigged character with clips (.glb .gltf .vrm), a motion (.bvh) that moves
-            the built-in human, a folder of depth frames, or a Character; None for the built-in
-            human and its clips.
+        performance: a rigged character with clips (.glb .gltf .vrm .fbx), a motion (.bvh) that
+            moves the built-in human, a folder of depth frames, or a Character; None for the
+            built-in human and its clips.
         clips: names of the clips to carry over; all of them, if none is named.
         landmarks: never needed: {"joint": (x, y, z), ...}, or a JSON file of it: where some of the
             performance's joints are, in the coordinates of the figure's file.

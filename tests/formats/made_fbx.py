@@ -58,7 +58,7 @@ def _value(value: Any, packed: bool) -> bytes:
         case bool():
             return struct.pack("<c?", b"C", value)
         case int():
-            return struct.pack("<cq", b"L", value)
+            return struct.pack("<cq", b"L", max(-(2**63), min(value, 2**63 - 1)))
         case float():
             return struct.pack("<cd", b"D", value)
         case str():
@@ -193,8 +193,12 @@ class Maker:
         ticks = np.rint(clip.times * TICKS).astype("<i8")
         for joint in range(clip.rotations.shape[1]):
             moved, angles = self.channels(joint, clip.translations[:, joint], matrices[:, joint])
+            rest = self.character.skeleton.rest[joint][None]
+            still = *self.channels(joint, rest[:, :3, 3], rest[:, :3, :3]), np.ones((1, 3))
             tracks = {"Translation": moved, "Rotation": angles, "Scaling": clip.scales[:, joint]}
             for place, (name, values) in enumerate(tracks.items()):
+                if np.abs(values - still[place]).max() < 1e-9:
+                    continue
                 group = base + 100 + 20 * joint + 5 * place
                 self.add("AnimationCurveNode", group, name[0], "")
                 self.connect(group, base + 1)

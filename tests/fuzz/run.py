@@ -36,6 +36,7 @@ FINDINGS = Path("fuzz-findings")
 SLOWEST = 5.0  # seconds that one small file may take
 CHUNK = 500  # mutants that a worker reads at a time
 READERS = {"bvh": (read_motion,), "glb": (read_character, read_figure)}
+READERS["fbx"] = READERS["glb"]
 ESCAPED = "ESCAPED"
 
 
