@@ -62,7 +62,8 @@ def build_proxy(
     welded, kept, welded_of = meshes.weld(vertices, faces)
     if len(welded) < 4 or (np.ptp(welded, axis=0) == 0).sum() > 1:
         raise ValueError(
-            f"a figure needs a surface, but its {len(vertices)} vertices lie on a line or a point"
+            f"its {len(vertices)} vertices are at {len(welded)} different places, or on one line; "
+            "export the whole surface of a body"
         )
     mesh = build_mesh(Mesh(welded, kept), vertex_count)
     return place(welded, welded_of, mesh)

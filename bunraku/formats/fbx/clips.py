@@ -43,10 +43,10 @@ def read_motions(scene: Scene) -> list[Motion]:
     Raises:
         FormatError: if a curve is damaged, or a clip has more frames than are read.
     """
-    motions = []
+    motions, read = [], dict[int, Curve | None]()
     for stack in scene.of("AnimationStack"):
         layers = list(scene.children(stack, "AnimationLayer"))
-        curves = [_gather_curves(scene, layer) for layer in layers]
+        curves = [_gather_curves(scene, layer, read) for layer in layers]
         told = [found for found in curves if found]
         if len(told) > 1:
             message = f"{len(told)} animation layers; only the first is read, bake them into one"
@@ -59,8 +59,8 @@ def read_motions(scene: Scene) -> list[Motion]:
 Gathered = dict[int, dict[tuple[str, int], Curve]]  # by node, property and axis
 
 
-def _gather_curves(scene: Scene, layer: Thing) -> Gathered:
-    """Find the curves of a layer that move nodes."""
+def _gather_curves(scene: Scene, layer: Thing, read: dict[int, Curve | None]) -> Gathered:
+    """Find the curves of a layer that move nodes; `read` keeps what was read, by number."""
     found: Gathered = {}
     for group in scene.children(layer, "AnimationCurveNode"):
         targets = [
@@ -73,10 +73,12 @@ def _gather_curves(scene: Scene, layer: Thing) -> Gathered:
             axis = name[-1:]
             if curve is None or curve.kind != "AnimationCurve" or axis not in ("X", "Y", "Z"):
                 continue
-            for node, path in targets:
-                read = _read_curve(scene, curve)
-                if read is not None:
-                    found.setdefault(node, {})[path, "XYZ".index(axis)] = read
+            if number not in read:
+                read[number] = _read_curve(scene, curve)
+            told = read[number]
+            if told is not None:
+                for node, path in targets:
+                    found.setdefault(node, {})[path, "XYZ".index(axis)] = told
     return found
 
 

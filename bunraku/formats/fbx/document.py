@@ -48,6 +48,7 @@ class _Writer:
         self.parents = {model.number: parent_of(scene, model) for model in self.models}
         self.draft = Draft({"asset": {"version": "2.0", "generator": "bunraku"}}, bytearray())
         self.materials: dict[int, int] = {}
+        self.read: dict[int, tuple[Surface | None, Binding | None]] = {}  # geometries, by number
         self.vertices = 0
 
     def write(self) -> bytes:
@@ -96,14 +97,18 @@ class _Writer:
 
     def _add_mesh(self, model: Thing, geometry: Thing) -> None:
         """Add a geometry as the mesh of a model's node; of a second one, of a node below."""
-        surface = read_surface(self.scene, geometry)
+        if geometry.number not in self.read:
+            surface = read_surface(self.scene, geometry)
+            points = 0 if surface is None else len(surface.points)
+            binding = read_binding(self.scene, geometry, points) if points else None
+            self.read[geometry.number] = surface, binding
+        surface, binding = self.read[geometry.number]
         if surface is None:
             return
         self.vertices += len(surface.point_of)
         if self.vertices > limits.VERTICES:
             message = f"more than {limits.VERTICES} vertices; decimate it first"
             raise FormatError(self.scene.path, "", message, code=Code.LIMIT_VERTICES)
-        binding = read_binding(self.scene, geometry, len(surface.points))
         placed = node_from_geometry(model)
         points = (surface.points @ placed[:3, :3].T + placed[:3, 3]) * self.unit
         normals = None

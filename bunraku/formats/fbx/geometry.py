@@ -184,6 +184,9 @@ def read_binding(scene: Scene, geometry: Thing, points: int) -> Binding | None:
             message = f"{len(shares)} weights do not fit {points} vertices; bind the mesh again"
             raise FormatError(scene.path, cluster.where, message, code=Code.SKIN_WEIGHTS)
         entries.append((indices, np.full(len(indices), place), shares))
+    if sum(len(shares) for _, _, shares in entries) > limits.WEIGHTS:
+        message = f"has more than {limits.WEIGHTS} weights; bind it to fewer bones"
+        raise FormatError(scene.path, geometry.where, message, code=Code.LIMIT_TOTAL)
     joints, weights = _heaviest(*map(np.concatenate, zip(*entries, strict=True)), points=points)
     return Binding(binding.bones, binding.bone_from_node, joints, weights)
 

@@ -12,13 +12,14 @@ from typing import Any
 
 import numpy as np
 
+from bunraku import limits
 from bunraku.errors import Code
 from bunraku.formats.files import Location
 from bunraku.types import FormatError
 
 MAGIC = b"Kaydara FBX Binary  \0\x1a\0"
 OLDEST, WIDE = 7000, 7500  # versions: with numbered objects; with offsets of 64 bits
-MOST_RECORDS, DEEPEST = 1_000_000, 32
+MOST_RECORDS, MOST_VALUES, DEEPEST = 1_000_000, 1000, 32  # in a file, in a record, in each other
 LARGEST_ARRAY = 1 << 29  # bytes
 NUMBERS = {"Y": "<h", "C": "<?", "I": "<i", "F": "<f", "D": "<d", "L": "<q"}
 ARRAYS = {"f": "<f4", "d": "<f8", "l": "<i8", "i": "<i4", "b": "<i1", "c": "<i1"}
@@ -82,6 +83,7 @@ class _Reader:
 
     def __init__(self, path: Location, content: bytes, *, is_wide: bool) -> None:
         self.path, self.content = path, memoryview(content)
+        self.claimed = 0  # bytes of all arrays when they are unpacked
         self.head = struct.Struct("<QQQB" if is_wide else "<IIIB")
 
     def read(self) -> Record:
@@ -102,8 +104,9 @@ class _Reader:
                 place = limit
                 continue
             count += 1
-            if count > MOST_RECORDS or len(opened) > DEEPEST:
-                raise damaged(self.path, self._where(place), "too many records, or too deep")
+            if count > MOST_RECORDS or values > MOST_VALUES or len(opened) > DEEPEST:
+                message = "too many records or values, or records too deep in each other"
+                raise damaged(self.path, self._where(place), message)
             if not place + length <= end <= limit:
                 raise damaged(self.path, self._where(place), f"record {name!r} ends elsewhere")
             record = Record(name, self._read_values(place, place + length, values))
@@ -149,8 +152,13 @@ class _Reader:
             raise damaged(self.path, self._where(place), f"a value of the unknown kind {kind!r}")
         *shape, size = head.unpack_from(self.content, place)
         start = place + head.size
-        if kind in ARRAYS and not shape[1]:  # not packed: the size is that of its elements
-            size = shape[0] * np.dtype(ARRAYS[kind]).itemsize
+        if kind in ARRAYS:
+            plain_size = shape[0] * np.dtype(ARRAYS[kind]).itemsize
+            size = size if shape[1] else plain_size
+            self.claimed += plain_size
+            if self.claimed > limits.BYTES:
+                message = f"all arrays together unpack to more than {limits.BYTES} bytes"
+                raise FormatError(self.path, "", f"{message}; simplify it", code=Code.LIMIT_TOTAL)
         if start + size > end:
             raise damaged(self.path, self._where(place), "an array or text breaks off")
         content = self.content[start : start + size]

@@ -72,8 +72,8 @@ class Scene:
         return (thing for thing in found if not subkind or thing.subkind == subkind)
 
     def children(self, thing: Thing, kind: str, subkind: str = "") -> Iterator[Thing]:
-        """Give the objects of a kind that are connected below one."""
-        for number, _ in self.below.get(thing.number, ()):
+        """Give the objects of a kind that are connected below one, each once."""
+        for number in dict.fromkeys(number for number, _ in self.below.get(thing.number, ())):
             found = self.things.get(number)
             if found and found.kind == kind and (not subkind or found.subkind == subkind):
                 yield found
