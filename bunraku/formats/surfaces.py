@@ -105,14 +105,22 @@ def _is_half(mesh: Mesh, surface: Surface) -> bool:
     """Tell whether a surface is open along one side only, in a plane: a half to be mirrored."""
     if surface.boundary_edges < FEWEST_CUT or surface.non_manifold_edges:
         return False
-    welded, faces, _ = weld(mesh.vertices, mesh.faces)
-    edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    keys = edges[:, 0] * len(welded) + edges[:, 1]
-    _, first, times = np.unique(keys, return_index=True, return_counts=True)
-    across = welded[edges[first[times == 1]], 0]
-    sides = np.array([mesh.vertices[:, 0].min(), mesh.vertices[:, 0].max()])
-    in_plane = np.abs(across[..., None] - sides) <= CUT * np.ptp(sides)
-    return bool((in_plane.all(axis=1).mean(axis=0) > 0.9).any())
+    across = mesh.vertices[:, 0]
+    for side in (across.min(), across.max()):
+        near = np.abs(across - side) <= CUT * np.ptp(across)
+        beside = mesh.faces[near[mesh.faces].sum(axis=1) > 1]  # only these can have an edge there
+        if not len(beside):
+            continue
+        used, corners = np.unique(beside, return_inverse=True)
+        _, faces, welded_of = weld(mesh.vertices[used], corners.reshape(-1, 3))
+        edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+        in_plane = np.zeros(len(used), bool)
+        in_plane[welded_of] = near[used]
+        edges = edges[in_plane[edges].all(axis=1)]
+        times = _multiplicities(edges[:, 0] * len(used) + edges[:, 1])
+        if (times == 1).sum() > 0.9 * surface.boundary_edges:
+            return True
+    return False
 
 
 def _count_doubled(faces: Int[np.ndarray, "faces 3"]) -> int:
