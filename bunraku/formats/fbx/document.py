@@ -137,9 +137,12 @@ class _Writer:
         looks = list(self.scene.children(model, "Material"))
         parts = np.unique(surface.part_of)
         borders = np.searchsorted(surface.part_of, [*parts, parts[-1] + 1])
-        part_of_face = surface.part_of[surface.faces[:, 0]]
+        face_borders = np.searchsorted(
+            surface.part_of[surface.faces[:, 0]], [*parts, parts[-1] + 1]
+        )
         primitives = []
-        for part, start, end in zip(parts.tolist(), borders[:-1], borders[1:], strict=True):
+        for number, part in enumerate(parts.tolist()):
+            start, end = borders[number : number + 2]
             rows = surface.point_of[start:end]
             attributes = {"POSITION": self._add_vectors(points[rows], "VEC3", bounded=True)}
             if normals is not None and (unit := _unit(normals[start:end])) is not None:
@@ -149,7 +152,8 @@ class _Writer:
                 attributes["TEXCOORD_0"] = self._add_vectors(flipped, "VEC2")
             if binding:
                 attributes |= self._add_weights(binding, rows)
-            corners = (surface.faces[part_of_face == part] - start).reshape(-1, 1)
+            inside = surface.faces[slice(*face_borders[number : number + 2])]
+            corners = (inside - start).reshape(-1, 1)
             indices = self.draft.add_array(
                 corners.astype("<u4"), "SCALAR", target=ELEMENT_ARRAY_BUFFER
             )

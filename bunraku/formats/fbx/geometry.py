@@ -125,7 +125,7 @@ def _materials(scene: Scene, geometry: Thing, polygons: int) -> Int[np.ndarray, 
             found = np.maximum(given, 0)
         elif len(given) == 1:
             found[:] = max(int(given[0]), 0)
-    return np.unique(found, return_inverse=True)[1] if found.max(initial=0) > polygons else found
+    return np.minimum(found, sum(1 for _ in scene.of("Material")))  # beyond: none
 
 
 def _layer(
