@@ -172,6 +172,14 @@ def test_what_is_damaged_is_told(tmp_path, creature, name, value, code, words):
     assert caught.value.code is code
 
 
+def test_weights_and_normals_too_large_for_glb_are_no_surprise(tmp_path, creature):
+    weights = np.full(int((creature.skin.weights[:, 0] != 0).sum()), 1e300)
+    found = read_character(write(tmp_path, change(creature, "Weights", weights)))
+    assert np.isfinite(found.skin.weights).all()
+    huge = change(creature, "Normals", np.array([1e308, 1e308, 1e308]))
+    assert len(read_figure(write(tmp_path, huge)).mesh.faces) == len(creature.mesh.faces)
+
+
 def test_records_that_do_not_fit_are_refused(creature):
     whole = encode_character(creature)
     for content, words in (

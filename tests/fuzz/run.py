@@ -18,6 +18,7 @@ import sys
 import tempfile
 import time
 import traceback
+import warnings
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -159,7 +160,8 @@ def memory() -> str | None:
 
 
 def be_quiet() -> None:
-    """Print no warnings of readers: they are no findings."""
+    """Print no warnings of readers: they are no findings; those of NumPy are."""
+    warnings.simplefilter("error", RuntimeWarning)
     logging.getLogger("bunraku").addHandler(logging.NullHandler())
 
 

@@ -3,7 +3,7 @@
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Float32
 
 from bunraku import limits
 from bunraku.errors import NOTE, Code, announce
@@ -167,7 +167,7 @@ class _Writer:
         self, rows: Float[np.ndarray, "rows width"], kind: str, *, bounded: bool = False
     ) -> int:
         """Add an array of float32."""
-        single = np.clip(rows, -limits.COORDINATE, limits.COORDINATE).astype("<f4")
+        single = _single(rows)
         accessor = self.draft.add_array(single, kind, target=ARRAY_BUFFER)
         if bounded:
             self.draft.add_bounds(accessor, single)
@@ -181,7 +181,7 @@ class _Writer:
         for number in range(needed):
             columns = slice(4 * number, 4 * number + 4)
             joints = binding.joints[rows, columns].astype("<u2")
-            share = weights[:, columns].astype("<f4")
+            share = _single(weights[:, columns])
             attributes[f"JOINTS_{number}"] = self.draft.add_array(
                 joints, "VEC4", target=ARRAY_BUFFER
             )
@@ -194,7 +194,7 @@ class _Writer:
         """Add the bones of a geometry, and where they were when it was bound."""
         matrices = np.stack(binding.bone_from_node)
         matrices[:, :3, 3] *= self.unit
-        columns = matrices.transpose(0, 2, 1).reshape(-1, 16).astype("<f4")
+        columns = _single(matrices.transpose(0, 2, 1).reshape(-1, 16))
         joints = [self.place[bone] for bone in binding.bones]
         accessor = self.draft.add_array(columns, "MAT4")
         return self.draft.append("skins", {"joints": joints, "inverseBindMatrices": accessor})
@@ -227,7 +227,7 @@ class _Writer:
                 ("scale", scales, "VEC3"),
             )
             for path, values, kind in tracks:
-                output = self.draft.add_array(values[frames].astype("<f4"), kind)
+                output = self.draft.add_array(_single(values[frames]), kind)
                 target = {"node": self.place[number], "path": path}
                 clip["channels"].append({"sampler": len(clip["samplers"]), "target": target})
                 clip["samplers"].append({"input": source, "output": output})
@@ -243,6 +243,11 @@ class _Writer:
             if found:
                 message = f"{len(found)} {what} are left out"
                 announce(self.scene.path, message, code=Code.FBX_LEFT_OUT, level=NOTE)
+
+
+def _single(values: Float[np.ndarray, "*shape"]) -> Float32[np.ndarray, "*shape"]:
+    """Give numbers as glTF stores them; those that are too large are as large as may be."""
+    return np.clip(values, -limits.COORDINATE, limits.COORDINATE).astype("<f4")
 
 
 def _unit(normals: Float[np.ndarray, "rows 3"]) -> Float[np.ndarray, "rows 3"] | None:

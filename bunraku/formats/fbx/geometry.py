@@ -152,8 +152,8 @@ def _layer(
         message = f"{name} does not fit the polygons; it is left out"
         announce(scene.path, message, code=Code.MESH_LEFT_OUT, where=geometry.where, level=NOTE)
         return None
-    finite = np.nan_to_num(rows[: count * width].reshape(-1, width), posinf=0.0, neginf=0.0)
-    return finite, chosen
+    rows = rows[: count * width].reshape(-1, width)
+    return np.where(np.abs(rows) < limits.COORDINATE, rows, 0.0), chosen
 
 
 def read_binding(scene: Scene, geometry: Thing, points: int) -> Binding | None:
