@@ -44,7 +44,8 @@ docs: install ## build the documentation into site/; it asks the network for not
 bench: install ## how the cost of each stage grows
 	$(BIN)/python bench/stages.py
 
-fuzz: install ## search for files that break a reader (FUZZ_SECONDS a format)
-	OMP_NUM_THREADS=1 $(BIN)/python -m tests.fuzz.run --seconds $(or $(FUZZ_SECONDS),600)
+fuzz: install ## search for files that break a reader: FUZZ_COUNT mutants a format, FUZZ_SECONDS by coverage
+	OMP_NUM_THREADS=1 $(BIN)/python -m tests.fuzz.run --count $(or $(FUZZ_COUNT),100000) --workers $(TEST_WORKERS)
+	BUNRAKU_FUZZ_SECONDS=$(or $(FUZZ_SECONDS),600) $(BIN)/python -m pytest -q -n $(TEST_WORKERS) tests/fuzz/test_coverage.py
 
 .PHONY: help install demo test lint format evaluate dist docs bench fuzz

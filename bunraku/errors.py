@@ -1,6 +1,8 @@
 """Every fault of an input by its stable code, in one place; docs/errors.md is written from it."""
 
 import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
 from enum import Enum
 
 NOTE = (logging.INFO + logging.WARNING) // 2  # level of what is odd, but does no harm
@@ -61,6 +63,7 @@ class Code(Enum):
     MESH_UNUSED = "vertices belong to no face; they move with their neighbours"
     MESH_DOUBLED = "faces are there more than once"
     MESH_OPEN = "edges have one face only: the surface is open"
+    MESH_HALF = "the surface is cut off along a plane at one side: the other half may be missing"
     MESH_NON_MANIFOLD = "edges have three faces or more"
     MESH_TURNED = "neighbouring faces disagree on which side is outside"
     MESH_UP = "the figure seems to lie: another axis than the format's may be up"
@@ -101,6 +104,10 @@ class Code(Enum):
     BVH_FRAME_TIME = "the frame time is no number of seconds above 0"
     BVH_JOINTS = "joints share a name, have several roots or end without an end site"
 
+    FBX_RECORDS = "the records or objects of an FBX file do not fit together: it is damaged"
+    FBX_VERSION = "an FBX file written as text, or older than version 7: save it as binary FBX"
+    FBX_LEFT_OUT = "something in an FBX file is not read: textures, blend shapes, more layers"
+
     DEPTH_FRAMES = "depth frames are missing, of several sizes, no 16-bit pictures, or have gaps"
     DEPTH_INTRINSICS = "the lens of a depth camera is missing, or impossible: fx, fy, cx, cy, scale"
     DEPTH_MASK = "masks of the subject are missing for some frames, or of another size"
@@ -131,5 +138,37 @@ def announce(
         level: NOTE or WARNING.
     """
     place = f"{where}: " if where else ""
-    fault = {"code": code, "where": where, "found": message}
+    fault = {"code": code, "where": where, "found": message, "about": path}
     logger.log(level, "%s: %s%s", path, place, message, extra=fault)
+
+
+def doubt(message: str) -> None:
+    """Log what makes a match doubtful, from where no file is known; whoever calls names it."""
+    fault = {"code": Code.MATCH_DOUBTFUL, "where": "", "found": message, "about": None}
+    logger.warning("%s", message, extra=fault)
+
+
+@contextmanager
+def collecting_doubts() -> Iterator[list[str]]:
+    """Collect what is logged by `doubt`, each message once."""
+    handler, package = _DoubtHandler(WARNING), logging.getLogger("bunraku")
+    package.addHandler(handler)
+    try:
+        yield handler.messages
+    finally:
+        package.removeHandler(handler)
+
+
+class _DoubtHandler(logging.Handler):
+    """Keep the doubts among all records."""
+
+    def __init__(self, level: int) -> None:
+        super().__init__(level)
+        self.messages: list[str] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Keep a record that `doubt` made, in the thread that waits for it."""
+        fault = record.__dict__
+        is_doubt = fault.get("code") is Code.MATCH_DOUBTFUL and fault["about"] is None
+        if is_doubt and fault["found"] not in self.messages:
+            self.messages.append(fault["found"])

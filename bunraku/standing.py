@@ -3,16 +3,14 @@
 A figure caught in motion may hang in the air, or lie; a clip expects it on the floor of its file.
 """
 
-import logging
-
 import numpy as np
 from jaxtyping import Float
 
+from bunraku.errors import doubt
 from bunraku.graphs import descendants
 from bunraku.registration.body import Body
 from bunraku.reposing.decision import is_stood_on, limbs
 
-logger = logging.getLogger(__name__)
 LEAST_TRAVEL = 0.25  # of the ratio of heights: legs shorter than that are a joint gone astray
 
 
@@ -59,9 +57,7 @@ def travel_scale(
     most = max(expected, float(tall[1] / above[0]))
     scale = float(np.clip(above[1] / above[0], LEAST_TRAVEL * expected, most))
     if scale != above[1] / above[0]:
-        logger.warning(
-            "no body of this height has its hips where they were found; travel is a guess"
-        )
+        doubt("no body of this height has its hips where they were found; travel is a guess")
     return scale
 
 

@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 
 import bunraku
-from bunraku.errors import NOTE, Code, announce
+from bunraku.cli.failures import printing_warnings
+from bunraku.errors import NOTE, Code, announce, collecting_doubts, doubt
 from scripts.list_errors import PAGE, write_page
 
 SOURCES = sorted(Path(bunraku.__file__).parent.rglob("*.py"))
@@ -56,3 +57,21 @@ def test_an_announcement_carries_its_parts(caplog):
     assert record.getMessage() == "a.obj: line 3: is thin"
     assert (record.code, record.where, record.found) == (Code.MESH_FLAT, "line 3", "is thin")
     assert logging.INFO < record.levelno < logging.WARNING
+
+
+def test_doubts_are_collected_once_and_named_by_who_prints_them(capsys):
+    with printing_warnings(Path("a.obj")), collecting_doubts() as doubts:
+        doubt("travel is a guess")
+        doubt("travel is a guess")
+        announce("a.obj", "fits poorly", code=Code.MATCH_DOUBTFUL)
+    assert doubts == ["travel is a guess"]
+    first, second = capsys.readouterr().err.splitlines()
+    assert first == "warning: a.obj: travel is a guess [MATCH_DOUBTFUL]"
+    assert second == "warning: a.obj: fits poorly [MATCH_DOUBTFUL]"
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda path: path.name)
+def test_no_warning_goes_without_a_code(path):
+    text = path.read_text()
+    if path.parent.name not in ("evaluate", "bunraku") or path.name == "standing.py":
+        assert "logger.warning(" not in text

@@ -40,7 +40,7 @@ def run_on_cluster(
         distributed = import_module("distributed")
     except ImportError as error:
         message = "needs the extra: pip install 'bunraku[cluster]'"
-        raise FormatError(f"--cluster {address}", "", message, code=Code.OPTION) from error
+        raise FormatError(f"--cluster {address}", "", message, code=Code.EXTRA_MISSING) from error
     try:
         client = distributed.Client(address, timeout=PATIENCE, set_as_default=False)
     except (OSError, ValueError) as error:

@@ -9,6 +9,7 @@ import typer
 from bunraku.cli.evaluating import evaluate
 from bunraku.cli.failures import INTERRUPTED, describe_failure
 from bunraku.cli.learning import train
+from bunraku.cli.memory import keep_freed_memory
 from bunraku.cli.options import (
     BvhOption,
     CharacterOption,
@@ -268,4 +269,6 @@ def run(arguments: Sequence[str]) -> int:
 
 def main() -> None:
     """Run the console script."""
+    if sys.argv[1:2] == ["inspect"]:
+        keep_freed_memory()
     sys.exit(run(sys.argv[1:]))

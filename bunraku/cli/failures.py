@@ -55,7 +55,7 @@ class WarningLines(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         """Print a record, unless it has been."""
         message = record.getMessage()
-        if not hasattr(record, "code") and not message.startswith(str(self.path)):
+        if getattr(record, "about", None) is None and not message.startswith(str(self.path)):
             message = f"{self.path}: {message}"
         if message not in self.printed:
             self.printed.add(message)

@@ -30,7 +30,7 @@ FigureArgument = Annotated[
     Path,
     typer.Argument(
         metavar="FIGURE",
-        help="What is to move: .glb .gltf .vrm .obj .ply .stl .off. A rig in it is replaced.",
+        help="What is to move: .glb .gltf .vrm .fbx .obj .ply .stl .off. A rig in it is replaced.",
         show_default=False,
     ),
 ]
@@ -47,8 +47,8 @@ WithOption = Annotated[
     typer.Option(
         "--with",
         metavar="PERFORMANCE",
-        help="A rigged character (.glb .gltf .vrm), a folder of depth frames, or a motion (.bvh) "
-        "for the built-in human. Without it: the built-in human and its clips.",
+        help="A rigged character (.glb .gltf .vrm .fbx), a folder of depth frames, or a motion "
+        "(.bvh) for the built-in human. Without it: the built-in human and its clips.",
         show_default=False,
     ),
 ]
@@ -57,7 +57,7 @@ CharacterOption = Annotated[
     typer.Option(
         "--with",
         metavar="CHARACTER",
-        help="A rigged character (.glb .gltf .vrm). Without it: the built-in human.",
+        help="A rigged character (.glb .gltf .vrm .fbx). Without it: the built-in human.",
         show_default=False,
     ),
 ]

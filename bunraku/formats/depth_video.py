@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Shaped, UInt16
 from PIL import Image
 
-from bunraku.errors import Code, announce
+from bunraku.errors import NOTE, Code, announce
 from bunraku.formats.files import Location, read_bytes
 from bunraku.formats.intrinsics import Lens, fit_lens, read_lens
 from bunraku.types import DepthVideo, FormatError
@@ -91,7 +91,7 @@ def frame_times(path: Location, numbers: list[int], lens: Lens) -> Shaped[np.nda
         if np.ptp(steps):
             gap = int(np.flatnonzero(steps != np.median(steps))[0])
             message = f"frames are missing, first after {numbers[gap]}; they are taken as pauses"
-            announce(path, message, code=Code.DEPTH_FRAMES)
+            announce(path, message, code=Code.DEPTH_FRAMES, level=NOTE)
     return (counted - counted[0]) / lens.fps
 
 

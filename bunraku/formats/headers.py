@@ -109,6 +109,12 @@ def read_ply_elements(path: Location, lines: list[str]) -> list[PlyElement]:
 def check_stl(path: Location, content: bytes) -> bytes:
     """Raise a FormatError unless an STL file is text, or has as many triangles as it claims."""
     count = int.from_bytes(content[80:84], "little")
+    is_text = re.match(rb"\s*solid\b", content, re.IGNORECASE) and b"\0" not in content[:512]
+    if not is_text and len(content) > 84 + 50 * count and len(content) % 50 == 84 % 50:
+        count = (len(content) - 84) // 50  # those who write as they go leave the count as it was
+        message = f"the header counts fewer triangles than there are; all {count} are read"
+        announce(path, message, code=Code.MESH_COUNT, where="header")
+        content = content[:80] + count.to_bytes(4, "little") + content[84:]
     if len(content) >= 84 and len(content) == 84 + 50 * count:
         if not count:
             raise FormatError(
@@ -118,7 +124,7 @@ def check_stl(path: Location, content: bytes) -> bytes:
                 code=Code.MESH_EMPTY,
             )
         return content
-    if not re.match(rb"\s*solid\b", content, re.IGNORECASE) or b"\0" in content[:512]:
+    if not is_text:
         raise FormatError(
             path,
             "header",

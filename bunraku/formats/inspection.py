@@ -15,6 +15,7 @@ from bunraku.formats import gltf
 from bunraku.formats.axes import guess_up, world_from_axes
 from bunraku.formats.depth_checks import check_depth
 from bunraku.formats.depth_video import frame_files, is_depth_folder, read_depth
+from bunraku.formats.fbx import convert_to_glb
 from bunraku.formats.files import Location, read_bytes
 from bunraku.formats.meshes import merge_pieces, read_pieces
 from bunraku.formats.reading import read_motion
@@ -24,6 +25,7 @@ from bunraku.skinning import forward_kinematics
 from bunraku.types import FormatError, Mesh
 
 Vector = tuple[float, float, float]
+FLOOR = 0.01  # of the longest extent: so near to 0 lies the floor that a figure stands on
 SEVERITIES = {NOTE: "note", WARNING: "warning"}
 
 
@@ -133,6 +135,8 @@ def _inspect(path: Location) -> Inspection:
     found = Inspection(os.fspath(path), "figure", kind, len(content))
     if kind == "bvh":
         return _inspect_motion(found)
+    if kind == "fbx":
+        return _inspect_gltf(found, convert_to_glb(path, content))
     if kind == "gltf":
         return _inspect_gltf(found, content)
     pieces, materials = read_pieces(path, content, kind)
@@ -149,12 +153,8 @@ def _inspect_gltf(found: Inspection, content: bytes) -> Inspection:
     """Say what a glTF file holds."""
     told = gltf.describe(found.path, content)
     mesh: Mesh | None = told["mesh"]
-    if mesh is None and not told["joints"]:
-        message = "shows no mesh and holds no rig; export it with its surface"
-        raise FormatError(found.path, "/meshes", message, code=Code.MESH_EMPTY)
     if mesh is None:
-        message = "has a rig but no surface: nothing can be animated, or animate others, with it"
-        announce(found.path, message, code=Code.RIG_NO_SURFACE, where="/meshes")
+        _check_library(found.path, told["joints"], len(told["clips"]))
     found = replace(
         found,
         kind="character" if told["joints"] else "figure",
@@ -172,10 +172,35 @@ def _inspect_gltf(found: Inspection, content: bytes) -> Inspection:
     )
     if mesh is None:
         return _add_bounds(found, told["places"])
-    if guess_up(mesh, "gltf") != "y":
-        message = "the figure may lie: by its shape, z is up; check, or give --up z"
-        announce(found.path, message, code=Code.MESH_UP, level=NOTE)
+    _check_up(found.path, mesh)
     return _inspect_surface(found, mesh)
+
+
+def _check_up(path: str, mesh: Mesh) -> None:
+    """Tell that a glTF figure seems to lie, or to stand on its head, by its shape and its floor."""
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    near = FLOOR * (high - low).max()
+    if high[1] <= near and low[1] < -near:
+        message = "the whole figure is below y = 0: it may stand on its head; check"
+        announce(path, message, code=Code.MESH_UP)
+    elif guess_up(mesh, "gltf") != "y":
+        message = "the figure may lie: by its shape, z is up; check, or give --up z"
+        on_z = abs(low[2]) <= near and abs(low[1]) > near
+        announce(path, message, code=Code.MESH_UP, level=WARNING if on_z else NOTE)
+
+
+def _check_library(path: str, joints: int, clips: int) -> None:
+    """Tell that there is no surface; refuse unless clips of a skeleton are worth a look."""
+    if not joints:
+        message = "shows no mesh and holds no rig; export it with its surface"
+        raise FormatError(path, "/meshes", message, code=Code.MESH_EMPTY)
+    if joints == 1 or not clips:
+        message = (
+            f"holds {joints} joints and {clips} clips, but no surface; export it with its mesh"
+        )
+        raise FormatError(path, "/meshes", message, code=Code.RIG_NO_SURFACE)
+    message = "has a rig but no surface: nothing can be animated, or animate others, with it"
+    announce(path, message, code=Code.RIG_NO_SURFACE, where="/meshes")
 
 
 def _inspect_motion(found: Inspection) -> Inspection:

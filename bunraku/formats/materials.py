@@ -1,5 +1,6 @@
 """Wavefront MTL: names, diffuse colours and textures that lie inside the OBJ's folder."""
 
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -36,7 +37,8 @@ def _library_names(path: Location, words: str) -> list[str]:
     try:
         read_beside(path, words, limit=LARGEST_LIBRARY)
     except FormatError:
-        return words.split()
+        names = re.split(r"(?<!\\)\s+", words)  # some escape the spaces within a name
+        return [name.replace("\\ ", " ") for name in names]
     return [words]
 
 

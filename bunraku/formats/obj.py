@@ -49,10 +49,6 @@ def read_obj(path: Location, content: bytes) -> tuple[list[Piece], list[Material
     text = split_lines(path, content)
     positions, damaged, colours = _read_positions(text)
     uvs, normals = _read_columns(text, UV, 2), _read_columns(text, NORMAL, 3)
-    if not len(text.of(FACE)):
-        raise FormatError(
-            path, "", "has no faces (f lines); export it as a mesh", code=Code.MESH_EMPTY
-        )
     corners, starts = _read_faces(text, (len(positions), len(uvs), len(normals)))
     _check_used(text, positions, damaged, used=corners[:, 0])
     materials = read_materials(path, [text.show(int(i)) for i in text.of(LIBRARY)])
@@ -162,6 +158,15 @@ def _read_faces(
 ) -> tuple[Int[np.ndarray, "corners 3"], Int[np.ndarray, " starts"]]:
     """Read the f lines: position, UV and normal of every corner, and where each polygon starts."""
     words = gather_words(text, FACE)
+    empty = words.lines[words.counts == 0]
+    if len(empty):
+        message = f"{len(empty)} f lines name no corner; they are left out"
+        announce(text.path, message, code=Code.MESH_CORNERS, where=f"line {empty[0] + 1}")
+        text.kinds[empty] = 0
+        words = gather_words(text, FACE)
+    if not len(words.lines):
+        message = "has no faces (f lines); export it as a mesh"
+        raise FormatError(text.path, "", message, code=Code.MESH_EMPTY)
     few = words.counts < 3
     if few.any():
         raise text.trouble(

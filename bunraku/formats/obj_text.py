@@ -141,18 +141,22 @@ def _find_keywords(
 def gather_words(lines: Lines, kind: int) -> Words:
     """Take the text behind the keyword of all lines of a kind."""
     found = lines.of(kind)
-    border = np.zeros(len(lines.text) + 2, np.int8)
-    border[lines.bodies[found]] += 1
-    border[lines.ends[found] + 1] -= 1
-    inside = np.cumsum(border, dtype=np.int8, out=border)[: len(lines.text)].view(bool)
-    text = lines.text[inside].tobytes()
+    first, last = (lines.bodies[found[0]], lines.ends[found[-1]] + 1) if len(found) else (0, 0)
+    block = lines.text[first:last]  # most writers put lines of a kind together
+    border = np.zeros(len(block) + 2, np.int8)
+    border[lines.bodies[found] - first] += 1
+    border[lines.ends[found] + 1 - first] -= 1
+    inside = np.cumsum(border, dtype=np.int8, out=border)[: len(block)].view(bool)
+    text = block[inside].tobytes()
     if text and not text.endswith(b"\n"):
         text += b"\n"
     if b"#" in text:
         text = re.sub(rb"#[^\n]*", b"", text)
     letters = np.frombuffer(text, np.uint8)
     is_word = letters > _SPACE
-    starts = np.flatnonzero(is_word & ~np.concatenate([[False], is_word[:-1]]))
+    begins = is_word.copy()
+    np.greater(is_word[1:], is_word[:-1], out=begins[1:])
+    starts = np.flatnonzero(begins)
     borders = np.searchsorted(starts, np.flatnonzero(letters == _NEWLINE))
     counts = np.diff(np.concatenate([[0], borders]))
     return Words(found, text, starts, counts)

@@ -24,6 +24,8 @@ def triangulate(
         triangles as places in `corners`, and the polygon that each one comes from.
     """
     counts = np.diff(starts)
+    if (counts == 3).all():
+        return np.arange(starts[0], starts[-1]).reshape(-1, 3), np.arange(len(counts))
     polygon_of = np.repeat(np.arange(len(counts)), counts - 2)
     step = np.arange(len(polygon_of)) - np.repeat(np.cumsum(counts - 2) - (counts - 2), counts - 2)
     first = starts[:-1][polygon_of]

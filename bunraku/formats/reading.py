@@ -9,6 +9,7 @@ from bunraku.errors import Code
 from bunraku.formats import gltf
 from bunraku.formats.axes import check_axes, guess_up, world_from_axes
 from bunraku.formats.bvh import read_recording
+from bunraku.formats.fbx import convert_to_glb
 from bunraku.formats.files import Location, read_bytes
 from bunraku.formats.meshes import merge_pieces, read_pieces
 from bunraku.formats.pieces import encode_pieces, turn_piece
@@ -42,6 +43,8 @@ def read_figure(path: Location, *, up: str | None = None, facing: str | None = N
         )
     up = up or _up_beside(facing)
     world_from_file = np.eye(4)
+    if kind == "fbx":
+        kind, content = "gltf", convert_to_glb(path, content)
     if kind == "gltf":
         world_from_file[:3, :3] = world_from_axes(up or "y", facing)
         return gltf.read_figure(path, content, world_from_file=world_from_file)
@@ -72,6 +75,8 @@ def read_character(path: Location) -> Character:
     """
     content = read_bytes(path)
     kind = sniff(path, content)
+    if kind == "fbx":
+        kind, content = "gltf", convert_to_glb(path, content)
     if kind != "gltf":
         raise FormatError(
             path,

@@ -7,8 +7,8 @@ from bunraku.errors import Code
 from bunraku.formats.files import Location
 from bunraku.types import FormatError
 
-FIGURES = ("gltf", "obj", "ply", "stl", "off")
-WANTED = ".glb .gltf .vrm .obj .ply .stl .off"
+FIGURES = ("gltf", "fbx", "obj", "ply", "stl", "off")
+WANTED = ".glb .gltf .vrm .fbx .obj .ply .stl .off"
 
 _FOREIGN = (
     (rb"PK\x03\x04|PK\x05\x06", "a zip archive; unpack it and give the file inside"),
@@ -18,7 +18,6 @@ _FOREIGN = (
     (rb"%PDF", "a PDF document"),
     (rb"\x7fELF|MZ", "a program"),
     (rb"\x93NUMPY|\x80[\x02-\x05]", "Python data, which is never loaded; export a mesh file"),
-    (rb"Kaydara FBX Binary|; FBX", "an FBX file; export it as .glb"),
     (rb"BLENDER", "a Blender file; export it as .glb"),
     (rb"PXR-USDC|#usda", "a USD file; export it as .glb"),
     (rb"version https://git-lfs", "a Git LFS pointer, not the file itself; run git lfs pull"),
@@ -62,6 +61,8 @@ def _by_signature(content: bytes, head: bytes) -> str:
     start = head.lstrip()
     if head[:4] == b"glTF" or start[:1] in (b"{", b"["):
         return "gltf"
+    if re.match(rb"Kaydara FBX Binary|; FBX", head):
+        return "fbx"
     if re.match(rb"ply\s", start):
         return "ply"
     if re.match(rb"HIERARCHY\s", start, re.IGNORECASE):

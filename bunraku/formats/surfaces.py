@@ -12,6 +12,8 @@ from bunraku.types import Mesh
 
 FLAT = 1e-4  # thickness of a sheet, as a share of the longest extent
 FEW_FACES = 100
+FEWEST_CUT = 12  # edges along which a half is cut off
+CUT = 1e-3  # of the width: so flat is a cut
 NO_AREA = 1e-14  # twice a face's area, as a share of the largest coordinate squared
 
 
@@ -70,6 +72,9 @@ def check_surface(path: Location, mesh: Mesh, surface: Surface) -> None:
     count, empty = len(mesh.faces), int((areas <= NO_AREA).sum())
     if empty == count:
         announce(path, "no face has an area: it cannot be animated", code=Code.MESH_NO_AREA)
+    if count >= FEW_FACES and _is_half(mesh, surface):
+        message = "is open along a plane at one side: a half? apply the mirror, and export again"
+        announce(path, message, code=Code.MESH_HALF)
     flat = int(extent.min() < FLAT * extent.max())
     odd = (
         (Code.MESH_ZERO_AREA, empty * (empty < count), "faces have no area", WARNING),
@@ -94,6 +99,28 @@ def check_surface(path: Location, mesh: Mesh, surface: Surface) -> None:
     for code, times, message, level in odd:
         if times:
             announce(path, f"{times} {message}", code=code, level=level)
+
+
+def _is_half(mesh: Mesh, surface: Surface) -> bool:
+    """Tell whether a surface is open along one side only, in a plane: a half to be mirrored."""
+    if surface.boundary_edges < FEWEST_CUT or surface.non_manifold_edges:
+        return False
+    across = mesh.vertices[:, 0]
+    for side in (across.min(), across.max()):
+        near = np.abs(across - side) <= CUT * np.ptp(across)
+        beside = mesh.faces[near[mesh.faces].sum(axis=1) > 1]  # only these can have an edge there
+        if not len(beside):
+            continue
+        used, corners = np.unique(beside, return_inverse=True)
+        _, faces, welded_of = weld(mesh.vertices[used], corners.reshape(-1, 3))
+        edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+        in_plane = np.zeros(len(used), bool)
+        in_plane[welded_of] = near[used]
+        edges = edges[in_plane[edges].all(axis=1)]
+        times = _multiplicities(edges[:, 0] * len(used) + edges[:, 1])
+        if (times == 1).sum() > 0.9 * surface.boundary_edges:
+            return True
+    return False
 
 
 def _count_doubled(faces: Int[np.ndarray, "faces 3"]) -> int:

@@ -1,10 +1,10 @@
 """Find the joints of a human skeleton: by name first, by the shape of the tree where names fail."""
 
 import itertools
-import logging
 
 import numpy as np
 
+from bunraku.errors import doubt
 from bunraku.humanoids.names import ROLES, JointName, read_name
 from bunraku.humanoids.tree import Tree
 from bunraku.types import NO_PARENT, MatchError, Skeleton
@@ -16,8 +16,6 @@ SPINE = ("spine", "chest", "upperChest")
 UP = np.array([0.0, 1.0, 0.0])
 _THUMB = ("Metacarpal", "Proximal", "Distal")
 _FINGER = ("Proximal", "Intermediate", "Distal")
-
-logger = logging.getLogger(__name__)
 
 
 def name_joints(skeleton: Skeleton) -> dict[str, int]:
@@ -141,7 +139,7 @@ def _mend_sides(tree: Tree, limbs: dict[str, int], called: dict[str, int]) -> di
                     limbs[f"left{role}"],
                 )
             if f"left{roles[0]}" in called:
-                logger.warning("joints called left lie on the right of the way the feet point")
+                doubt("joints called left lie on the right of the way the feet point")
     return mended
 
 

@@ -1,6 +1,5 @@
 """Build the closed proxy of a figure (winding number, marching cubes, decimation)."""
 
-import logging
 from dataclasses import dataclass
 
 import igl
@@ -9,10 +8,9 @@ from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
 
 from bunraku import meshes
+from bunraku.errors import doubt
 from bunraku.proxy import closed, clouds, solids, surfaces, voxels
 from bunraku.types import Mesh
-
-logger = logging.getLogger(__name__)
 
 MOST_FACES = 200_000  # of a figure that is looked at in full
 MOST_POINTS = 30_000  # of a cloud that is looked at in full
@@ -64,7 +62,8 @@ def build_proxy(
     welded, kept, welded_of = meshes.weld(vertices, faces)
     if len(welded) < 4 or (np.ptp(welded, axis=0) == 0).sum() > 1:
         raise ValueError(
-            f"a figure needs a surface, but its {len(vertices)} vertices lie on a line or a point"
+            f"its {len(vertices)} vertices are at {len(welded)} different places, or on one line; "
+            "export the whole surface of a body"
         )
     mesh = build_mesh(Mesh(welded, kept), vertex_count)
     return place(welded, welded_of, mesh)
@@ -175,7 +174,7 @@ def wrap(soup: Soup, vertex_count: int) -> Mesh:
         mesh = closed.resample(fine, vertex_count)
         if mesh is not None:
             return mesh
-        logger.warning("the proxy was spoilt when simplified; trying a coarser grid")
+        doubt("the proxy was spoilt when simplified; trying a coarser grid")
         fine = border(soup, vertex_count, fineness)
     return fine
 

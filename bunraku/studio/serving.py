@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from bunraku.batching.batches import count_cores
+from bunraku.errors import Code
 from bunraku.studio.visits import Visit, choices
 from bunraku.types import FormatError
 
@@ -40,7 +41,7 @@ class Studio:
             viser = import_module("viser")
         except ImportError as error:
             message = "needs the extra: pip install 'bunraku[studio]'"
-            raise FormatError("bunraku studio", "", message) from error
+            raise FormatError("bunraku studio", "", message, code=Code.EXTRA_MISSING) from error
         self.visits: dict[int, Visit] = {}
         with contextlib.redirect_stdout(io.StringIO()):  # it would print a box
             self.server: Any = viser.ViserServer(host, port, label="bunraku", verbose=False)

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bunraku.errors import Code, announce
+from bunraku.errors import Code, announce, collecting_doubts
 from bunraku.formats import read_figure
 from bunraku.formats.files import Location
 from bunraku.retargeting import retarget_clip
@@ -45,11 +45,11 @@ def animate(
     """Give a figure a skeleton, a skin and the clips of a performance.
 
     Args:
-        figure: what is to move: a file (.glb .gltf .vrm .obj .ply .stl .off), or what `read`
+        figure: what is to move: a file (.glb .gltf .vrm .fbx .obj .ply .stl .off), or what `read`
             gave, or bare arrays in a Mesh, in metres, Y up, facing +Z.
-        performance: a rigged character with clips (.glb .gltf .vrm), a motion (.bvh) that moves
-            the built-in human, a folder of depth frames, or a Character; None for the built-in
-            human and its clips.
+        performance: a rigged character with clips (.glb .gltf .vrm .fbx), a motion (.bvh) that
+            moves the built-in human, a folder of depth frames, or a Character; None for the
+            built-in human and its clips.
         clips: names of the clips to carry over; all of them, if none is named.
         landmarks: never needed: {"joint": (x, y, z), ...}, or a JSON file of it: where some of the
             performance's joints are, in the coordinates of the figure's file.
@@ -169,10 +169,11 @@ def _match(
 ) -> RigTransfer:
     """Run the route, and announce what it found doubtful."""
     placed = place_landmarks(read_landmarks(landmarks, performer), found)
-    with about(found.path):
+    with about(found.path), collecting_doubts() as doubts:
         transfer = animate_from_rig(
             performer, found.mesh, clips=clips, seed=seed, force=force, landmarks=placed
         )
+    transfer = replace(transfer, warnings=(*transfer.warnings, *doubts))
     for message in transfer.warnings:
         announce(found.path, message, code=Code.MATCH_DOUBTFUL)
     return transfer

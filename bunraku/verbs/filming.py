@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.util import find_spec
 from pathlib import Path
@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from bunraku.bones.performer import CLIP
-from bunraku.errors import Code, announce
+from bunraku.errors import Code, announce, collecting_doubts
 from bunraku.evaluate.report import report_capture
 from bunraku.formats import read_depth
 from bunraku.formats.depth_checks import check_depth
@@ -65,13 +65,13 @@ def capture(folder: Location) -> Film:
     if find_spec("pygel3d") is None:
         message = 'skeletons of depth videos need pygel3d: pip install "bunraku[depth]"'
         raise FormatError(folder, "", message, code=Code.EXTRA_MISSING)
+    check_depth(folder, video)
     try:
         captured = capture_performer(video)
     except FormatError:
         raise
     except ValueError as error:
         raise FormatError(folder, "", str(error), code=Code.DEPTH_SUBJECT) from error
-    check_depth(folder, video)
     for message in captured.warnings:
         announce(folder, message, code=Code.MATCH_DOUBTFUL)
     return Film(str(folder), captured, time.perf_counter() - began)
@@ -95,7 +95,9 @@ def check_film(folder: Location, clips: Sequence[str] | None, landmarks: object)
 
 def move_by_film(film: Film, found: Figure, *, seed: int, force: bool) -> DepthTransfer:
     """Let a captured performer move a figure, and announce what is doubtful."""
-    transfer = animate_from_depth(film.capture, found.mesh, seed=seed, force=force)
+    with collecting_doubts() as doubts:
+        transfer = animate_from_depth(film.capture, found.mesh, seed=seed, force=force)
+    transfer = replace(transfer, warnings=(*transfer.warnings, *doubts))
     for message in transfer.warnings:
         announce(found.path, message, code=Code.MATCH_DOUBTFUL)
     return transfer

@@ -24,8 +24,8 @@ def read_performer(path: Location | None = None) -> Character:
     """Read what a figure is to be moved by: a rigged character, a motion, or the built-in human.
 
     Args:
-        path: a rigged .glb, .gltf or .vrm; or a .bvh, which moves the built-in human; None for
-            the built-in human and its clips.
+        path: a rigged .glb, .gltf, .vrm or .fbx; or a .bvh, which moves the built-in human; None
+            for the built-in human and its clips.
 
     Raises:
         FormatError: if the file holds neither.
@@ -34,7 +34,7 @@ def read_performer(path: Location | None = None) -> Character:
         return builtin.human()
     path = Path(path)
     if path.is_dir():
-        message = "is a folder; give a rigged .glb, .gltf or .vrm, or a .bvh"
+        message = "is a folder; give a rigged .glb, .gltf, .vrm or .fbx, or a .bvh"
         raise FormatError(path, "", message, code=Code.FILE_FOLDER)
     with about(path):
         if sniff(path, read_bytes(path)) != "bvh":

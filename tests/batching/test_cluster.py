@@ -10,6 +10,7 @@ import bunraku
 from bunraku.batching import cluster
 from bunraku.batching.running import run_apart
 from bunraku.cli import run
+from bunraku.errors import Code
 from bunraku.types import FormatError
 
 needs_dask = pytest.mark.skipif(
@@ -93,8 +94,11 @@ def test_a_scheduler_that_does_not_answer_is_one_line(folder, monkeypatch, capsy
 
 def test_a_missing_extra_is_one_line(folder, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(FormatError, match=r"needs the extra: pip install 'bunraku\[cluster\]'"):
+    with pytest.raises(
+        FormatError, match=r"needs the extra: pip install 'bunraku\[cluster\]'"
+    ) as caught:
         bunraku.batch(folder / "jobs.csv", folder / "none", cluster="tcp://localhost:8786")
+    assert caught.value.code is Code.EXTRA_MISSING
 
 
 @needs_dask

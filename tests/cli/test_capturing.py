@@ -63,8 +63,8 @@ def test_a_figure_is_moved_by_a_depth_folder(folder, monkeypatch):
         ("blind", "error: blind: holds no intrinsics.json"),
         ("grey", r"error: grey: frame 0001\.png: has 8 bits"),
         ("sizes", r"error: sizes: frame 0002\.png: has 32 x 24 pixels"),
-        ("nobody", "error: nobody: shows no subject"),
-        ("one", "error: one: shows its subject in 1 of 1 frames"),
+        ("nobody", "error: nobody: measured at most 0 pixels a frame"),
+        ("one", "error: one: has a single frame, which shows no motion"),
     ],
 )
 def test_bad_recordings_end_in_one_line(tmp_path, monkeypatch, capsys, name, words):

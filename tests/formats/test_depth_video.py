@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from bunraku.errors import NOTE
 from bunraku.formats import is_depth_folder, read_depth
 from bunraku.types import FormatError
 from tests.depth_folders import LENS, OURS, ball, write_folder
@@ -29,6 +30,7 @@ def test_masks_of_any_kind_are_read(tmp_path):
 
 
 def test_missing_numbers_are_pauses_and_every_second_frame_is_not(tmp_path, caplog):
+    caplog.set_level(NOTE)
     video = read_depth(write_folder(tmp_path / "gap", ball(4), numbers=[3, 4, 7, 8]))
     np.testing.assert_allclose(video.times * 30, [0, 1, 4, 5])
     assert "frames are missing, first after 4" in caplog.text

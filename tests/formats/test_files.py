@@ -155,11 +155,13 @@ def test_a_hundred_kills_tear_lose_and_leave_nothing(tmp_path, rng):
                     write_atomically(folder / f"{count}.bin", bytes([count % 7 + 1]) * 300_000)
             finally:
                 os._exit(1)
-        time.sleep(rng.uniform(0.002, 0.05))
+        while not (folder / "0.bin").exists():  # on a busy machine it may not have begun
+            time.sleep(0.001)
+        time.sleep(rng.uniform(0.0, 0.05))
         os.kill(child, signal.SIGKILL)
         assert os.waitpid(child, 0)[1] == signal.SIGKILL
         for path in folder.iterdir():
             assert path.name == f"{int(path.stem)}.bin", "a left-over file"
             whole = bytes([int(path.stem) % 7 + 1]) * 300_000
             assert path.read_bytes() == whole, "a torn file"
-    assert sum(1 for _ in tmp_path.glob("*/*.bin")) > KILLS
+    assert sum(1 for _ in tmp_path.glob("*/*.bin")) >= KILLS

@@ -186,3 +186,12 @@ def test_a_byte_order_mark_is_ignored_aloud(caplog):
     content = json.dumps(Made().json).encode()
     read_document("t.gltf", b"\xef\xbb\xbf" + content)
     assert "byte order mark" in caplog.text
+
+
+@pytest.mark.parametrize("version", [2, 2.0])
+def test_a_version_that_is_a_number_is_mended_aloud(caplog, version):
+    document = read_document("arm.glb", broken(lambda j: j["asset"].update(version=version)))
+    assert document.copy_json()["asset"]["version"] == "2.0"
+    assert "/asset/version: the version is the number 2" in caplog.text
+    with pytest.raises(FormatError, match="glTF version '20'; only 2 is read"):
+        read_document("arm.glb", broken(lambda j: j["asset"].update(version=20)))

@@ -77,3 +77,11 @@ def test_damaged_off_headers_are_refused(content, message):
 def test_damaged_stl_files_are_refused(content, message):
     with pytest.raises(FormatError, match=message):
         check_stl("a.stl", content)
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_an_stl_that_counts_too_few_triangles_is_read_whole(caplog, count):
+    records = b"\0" * 150
+    content = check_stl("a.stl", b"\0" * 80 + count.to_bytes(4, "little") + records)
+    assert content == b"\0" * 80 + (3).to_bytes(4, "little") + records
+    assert "counts fewer triangles than there are; all 3 are read" in caplog.text

@@ -3,6 +3,7 @@ import json
 import msgspec
 import numpy as np
 import pytest
+import trimesh
 
 from bunraku.errors import Code
 from bunraku.formats import inspect, read_figure, write_mesh
@@ -134,9 +135,27 @@ def test_what_is_odd_about_a_depth_video_is_told(tmp_path):
     assert set(codes(inspect(write_folder(tmp_path / "a", frames)))) == {"DEPTH_SUBJECT"}
     gap = write_folder(tmp_path / "b", ball(3), numbers=[0, 1, 5])
     assert set(codes(inspect(gap))) == {"DEPTH_FRAMES"}
-    assert set(codes(inspect(write_folder(tmp_path / "c", ball(1))))) == {"DEPTH_FRAMES"}
+    assert codes(inspect(gap))["DEPTH_FRAMES"].severity == "note"
     far = write_folder(tmp_path / "d", ball(3) * 20, OURS | {"depth_scale": 1000})
     assert set(codes(inspect(far))) == {"DEPTH_INTRINSICS"}
+    still = write_folder(tmp_path / "e", np.repeat(ball(1), 3, axis=0))
+    assert "nothing moves" in codes(inspect(still))["DEPTH_SUBJECT"].message
+    jumping = write_folder(tmp_path / "f", ball(12)[::11].repeat(2, axis=0)[[0, 2, 1, 3]])
+    assert "is elsewhere in the next frame" in codes(inspect(jumping))["DEPTH_SUBJECT"].message
+
+
+@pytest.mark.parametrize(
+    ("frames", "words"),
+    [
+        (ball(1), "has a single frame, which shows no motion"),
+        (np.full((3, 48, 64), 1500), "all depths are alike: a bare wall"),
+        (np.random.default_rng(0).integers(500, 5000, (3, 48, 64)), "this is noise"),
+        (np.minimum(ball(3), 2), "depth reaches 0.002 m only"),
+    ],
+)
+def test_a_depth_video_that_shows_nothing_is_refused(tmp_path, frames, words):
+    with pytest.raises(FormatError, match=words):
+        inspect(write_folder(tmp_path / "a", frames))
 
 
 def test_a_file_with_nothing_in_it_is_refused(tmp_path):
@@ -165,3 +184,51 @@ def test_a_rig_without_a_surface_tells_its_joints_and_clips(tmp_path):
     assert (found.joints, found.bind, found.vertices) == (2, "same", 0)
     assert found.clips[0].name == "wave"
     assert np.isfinite(found.high).all()
+
+
+def test_a_rig_that_moves_nothing_and_has_no_surface_is_refused(tmp_path):
+    made = make_rigged()
+    del made.json["nodes"][2]["mesh"], made.json["nodes"][2]["skin"], made.json["meshes"]
+    del made.json["animations"]
+    (tmp_path / "bones.glb").write_bytes(made.glb())
+    with pytest.raises(FormatError, match="holds 2 joints and 0 clips, but no surface") as caught:
+        inspect(tmp_path / "bones.glb")
+    assert caught.value.code is Code.RIG_NO_SURFACE
+
+
+def test_a_figure_below_the_floor_or_on_its_back_is_told(told, cube):
+    upright = (cube.vertices - [0.5, 0, 0.5]) * [1, 3, 0.3]
+    upside_down = Mesh(upright * [1, -1, -1], cube.faces)
+    assert "stand on its head" in codes(told(upside_down, "a.glb"))["MESH_UP"].message
+    lying = Mesh(upright[:, [0, 2, 1]], cube.faces[:, ::-1].copy())
+    found = codes(told(lying, "a.glb"))["MESH_UP"]
+    assert "the figure may lie" in found.message
+    assert found.severity == "warning"
+    afloat = codes(told(Mesh(lying.vertices + np.array([0, 0, 5]), lying.faces), "a.glb"))[
+        "MESH_UP"
+    ]
+    assert afloat.severity == "note"
+
+
+def ellipsoid(turn: float) -> Mesh:
+    """Turn a half circle about y, from the plane of x and y on: half a body, or a whole one."""
+    heights, turns = np.linspace(0, np.pi, 14), np.pi / 2 + np.linspace(0, turn, 15)
+    around = np.sin(heights)[:, None]
+    rows = np.broadcast_arrays(
+        around * np.cos(turns), 2 * np.cos(heights)[:, None], 0.8 * around * np.sin(turns)
+    )
+    number = np.arange(14 * 15).reshape(14, 15)
+    a, b, c, d = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
+    faces = np.concatenate([np.stack(f, axis=-1).reshape(-1, 3) for f in ((a, b, c), (a, c, d))])
+    mesh = trimesh.Trimesh(np.stack(rows, axis=-1).reshape(-1, 3).round(12), faces)
+    mesh.merge_vertices()
+    mesh.update_faces(mesh.nondegenerate_faces())
+    return Mesh(np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64))
+
+
+def test_half_a_body_is_told(told):
+    half = ellipsoid(np.pi)
+    assert "apply the mirror" in codes(told(half, "a.obj"))["MESH_HALF"].message
+    bust = Mesh(half.vertices[:, [1, 0, 2]] * [1, -1, 1], half.faces)
+    assert "MESH_HALF" not in codes(told(bust, "a.glb"))
+    assert "MESH_HALF" not in codes(told(ellipsoid(2 * np.pi), "a.obj"))

@@ -52,6 +52,9 @@ def test_a_library_with_spaces_in_its_name_and_one_that_is_missing(tmp_path, cap
     (tmp_path / "my mats.mtl").write_text("newmtl a\n")
     (found,) = read_materials(tmp_path / "a.obj", ["mtllib my mats.mtl"])
     assert found.name == "a"
+    (tmp_path / "b.mtl").write_text("newmtl b\n")
+    escaped = read_materials(tmp_path / "a.obj", [r"mtllib my\ mats.mtl  b.mtl"])
+    assert [material.name for material in escaped] == ["a", "b"]
     with caplog.at_level(logging.WARNING):
         assert read_materials(tmp_path / "a.obj", ["mtllib ../secret.mtl"]) == []
     assert "only a relative path inside its folder is read" in caplog.text

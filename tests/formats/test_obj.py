@@ -151,3 +151,12 @@ def test_a_long_line_is_cut_in_the_message():
     with pytest.raises(FormatError) as caught:
         read(SQUARE + "f " + "x" * 5000)
     assert len(str(caught.value)) < 200
+
+
+def test_a_face_without_corners_is_left_out(caplog):
+    pieces, _ = read_obj("a.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf\ng b\nf 1 2 3\nf # 1\n")
+    assert [piece.faces.tolist() for piece in pieces] == [[[0, 1, 2]]]
+    assert [piece.name for piece in pieces] == ["b"]
+    assert "line 5: 2 f lines name no corner" in caplog.text
+    with pytest.raises(FormatError, match="has no faces"):
+        read_obj("a.obj", b"v 0 0 0\nf\n")

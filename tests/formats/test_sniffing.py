@@ -11,6 +11,8 @@ STL = b"solid, or not" + b"\0" * 67 + (1).to_bytes(4, "little") + b"\0" * 50
     [
         (b"glTF\x02\0\0\0", "gltf"),
         (b'\xef\xbb\xbf  {"asset": {}}', "gltf"),
+        (b"Kaydara FBX Binary  \0", "fbx"),
+        (b"; FBX 7.4.0 project file", "fbx"),
         (b"ply\r\nformat ascii 1.0\r\n", "ply"),
         (b"\nHierarchy\nROOT Hips", "bvh"),
         (STL, "stl"),
@@ -40,7 +42,6 @@ def test_the_name_decides_when_the_content_does_not(name):
         (b"\n<!DOCTYPE html>", "a web page: the download failed"),
         (b"\x7fELF", "a program"),
         (b"\x93NUMPY", "Python data, which is never loaded"),
-        (b"Kaydara FBX Binary", "an FBX file; export it as .glb"),
         (b"version https://git-lfs.github.com", "a Git LFS pointer"),
     ],
 )

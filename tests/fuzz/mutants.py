@@ -11,8 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from bunraku.formats.fbx.records import MAGIC, Packed, Record, read_records, unpack
 from bunraku.formats.meshes import encode_obj, encode_ply
-from bunraku.types import Mesh
+from bunraku.types import Character, Clip, FormatError, Mesh, Skeleton, Skin
+from tests.formats.made_fbx import Maker, Node, encode, properties
 from tests.formats.made_gltf import Made
 
 Generator = np.random.Generator
@@ -64,6 +66,29 @@ def make_rigged() -> Made:
     return made
 
 
+def make_fbx() -> list[Node]:
+    """A skinned box with two joints, an arc of a clip, axes and units of its own."""
+    box, rest = cube(), np.tile(np.eye(4), (2, 1, 1))
+    rest[1, 1, 3] = 1.5
+    weights = np.eye(2)[(box.vertices[:, 1] > 1).astype(int)]
+    inverse_bind = np.tile(np.eye(4), (2, 1, 1))
+    inverse_bind[1, 1, 3] = -1.5
+    turns = np.tile([0.0, 0, 0, 1], (2, 2, 1))
+    turns[1, 1] = 0, 0, 0.6, 0.8
+    still = np.zeros((2, 2, 3)) + rest[:, :3, 3]
+    clip = Clip("wave", np.array([0.0, 0.1]), still, turns, np.ones((2, 2, 3)))
+    skeleton = Skeleton(("hips", "chest"), np.array([-1, 0]), rest)
+    character = Character(box, skeleton, Skin(weights, inverse_bind), (clip,))
+    settings = Node("GlobalSettings")
+    properties(settings, UpAxis=1, FrontAxis=2, CoordAxis=0, UnitScaleFactor=1.0, TimeMode=6)
+    definitions = Node("Definitions")
+    template = definitions.add("ObjectType", "Model").add("PropertyTemplate", "FbxNode")
+    properties(template, Lcl_Scaling=[1.0, 1.0, 1.0])
+    maker = Maker(character, before=(10.0, 0.0, 0.0), pivot=(0.0, 1.0, 0.0))
+    objects, links = maker.make()
+    return [settings, definitions, objects, links]
+
+
 def make_seeds() -> dict[str, list[bytes]]:
     """Give a few sound files of each format."""
     box = cube()
@@ -92,6 +117,7 @@ def make_seeds() -> dict[str, list[bytes]]:
         "off": ["\n".join(["OFF", "8 12 0", *rows, *faces, ""]).encode()],
         "bvh": [BVH.encode()],
         "glb": [rigged.glb()],
+        "fbx": [encode(make_fbx()), encode(make_fbx(), version=7500, packed=False)],
     }
 
 
@@ -131,6 +157,8 @@ def _choose_mutation(content: bytes, rng: Generator) -> Callable[[bytes, Generat
         return _mutate_bytes
     if content.startswith(b"glTF"):
         return _mutate_glb
+    if content.startswith(MAGIC):
+        return _mutate_fbx
     return _mutate_text if b"\0" not in content[:64] or content[:3] == b"ply" else _mutate_arrays
 
 
@@ -220,6 +248,68 @@ def _mutate_glb(content: bytes, rng: Generator) -> bytes:
     text += b" " * (-len(text) % 4)
     body = struct.pack("<I", len(text)) + b"JSON" + text + rest
     return b"glTF" + struct.pack("<II", 2, 12 + len(body)) + body
+
+
+def _mutate_fbx(content: bytes, rng: Generator) -> bytes:
+    """Change a value, an element of an array or a record of an FBX file."""
+    try:
+        root = read_records("mutant.fbx", content)
+    except FormatError:
+        return _mutate_arrays(content, rng)
+    records, places = [_as_node(record) for record in root.inside], list[tuple[list[Node], int]]()
+    waiting = [records]
+    while waiting:
+        owner = waiting.pop()
+        places += [(owner, place) for place in range(len(owner))]
+        waiting += [node.inside for node in owner]
+    owner, place = places[int(rng.integers(len(places)))]
+    other, its = places[int(rng.integers(len(places)))]
+    node = owner[place]
+    match int(rng.integers(8)):
+        case 0:
+            del owner[place]
+        case 1:
+            owner.insert(place, _as_node(other[its]))
+        case 2:
+            node.name = other[its].name
+        case 3:
+            node.values = other[its].values
+        case _:
+            node.values = _mutate_values(node.values, rng)
+    return encode(records, version=int.from_bytes(content[23:27], "little"), packed=True)
+
+
+def _as_node(record: Record | Node) -> Node:
+    """Copy a record, so that it can be changed."""
+    return Node(record.name, record.values, [_as_node(inner) for inner in record.inside])
+
+
+def _mutate_values(values: tuple[Any, ...], rng: Generator) -> tuple[Any, ...]:
+    """Change one value, or one element of an array."""
+    if not values:
+        return (int(rng.integers(4)),)
+    changed, place = list(values), int(rng.integers(len(values)))
+    number = NUMBERS[int(rng.integers(len(NUMBERS)))]
+    match changed[place]:
+        case Packed() as packed:
+            try:
+                array = unpack("mutant.fbx", "", packed).copy()
+            except FormatError:
+                return ()
+            with np.errstate(all="ignore"):
+                if rng.random() < 0.3:
+                    array = array[: int(rng.integers(len(array) + 1))]
+                elif len(array):
+                    element = np.array(number, np.float64).astype(array.dtype)
+                    array[int(rng.integers(len(array)))] = element
+            changed[place] = array
+        case bool() | str() | bytes():
+            changed[place] = (number, "", "x", True, b"\0")[int(rng.integers(5))]
+        case float():
+            changed[place] = (float(number), float("nan"))[int(rng.random() < 0.2)]
+        case _:
+            changed[place] = int(number) if abs(number) < 2**63 else int(rng.integers(5))
+    return tuple(changed)
 
 
 def _mutate_json(document: Any, rng: Generator) -> None:

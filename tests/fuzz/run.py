@@ -2,21 +2,30 @@
 
     python -m tests.fuzz.run                          all formats, a minute each
     python -m tests.fuzz.run glb obj --count 100000   so many mutants of each
-    python -m tests.fuzz.run ply --seconds 600 --atheris    one format, by coverage (needs atheris)
+    python -m tests.fuzz.run --count 100000 --workers 2    several processes; goes on if cut off
 
-Whatever escapes is written to `fuzz-findings/`, and the run fails. A finding becomes a small file
-in tests/corpus, with a row in its ROWS.csv that says what must happen.
+A mutant is known by its format, the seed and its number, so that any run makes it again. Whatever
+escapes is written to `fuzz-findings/`, and the run fails. A finding becomes a small file in
+tests/corpus, with a row in its ROWS.csv that says what must happen.
 """
 
 import argparse
 import hashlib
+import json
 import logging
+import signal
 import sys
 import tempfile
 import time
 import traceback
-from collections.abc import Iterator
+import warnings
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
+from types import FrameType
 
 import numpy as np
 
@@ -26,17 +35,39 @@ from tests.fuzz.mutants import make_seeds, mutate
 
 FINDINGS = Path("fuzz-findings")
 SLOWEST = 5.0  # seconds that one small file may take
+CHUNK = 500  # mutants that a worker reads at a time
 READERS = {"bvh": (read_motion,), "glb": (read_character, read_figure)}
+READERS["fbx"] = READERS["glb"]
+ESCAPED = "ESCAPED"
+
+
+class TooSlow(BaseException):
+    """A reader took longer than any small file may; no reader's `except` catches it."""
+
+
+@contextmanager
+def limited(seconds: float) -> Iterator[None]:
+    """Interrupt what takes too long."""
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        raise TooSlow(f"took more than {seconds} s")
+
+    previous = signal.signal(signal.SIGALRM, stop)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, previous)
 
 
 def read_all(path: Path, kind: str) -> str:
     """Read a file in every way; give what inspection said of it.
 
     Raises:
-        AssertionError: if a result holds what no result may hold, or took too long.
+        AssertionError: if a result holds what no result may hold.
         Exception: whatever else escapes the readers.
     """
-    started = time.perf_counter()
     try:
         found = inspect(path)
         outcome = found.faults[0].code if found.faults else "load"
@@ -49,107 +80,122 @@ def read_all(path: Path, kind: str) -> str:
             read(path)
         except FormatError as error:
             assert str(error).startswith(str(path)), "names another file"
-    assert time.perf_counter() - started < SLOWEST, "took too long"
     return outcome
 
 
-def mutants(kind: str, seed: int) -> Iterator[bytes]:
-    """Damage the seeds of a format for ever, sometimes what was damaged before."""
-    rng, seeds = np.random.default_rng(seed), make_seeds()[kind]
-    while True:
-        yield mutate(seeds[int(rng.integers(len(seeds)))], rng)
+@cache
+def seeds_of(kind: str) -> list[bytes]:
+    """Give the sound files that mutants of a format are made from."""
+    return make_seeds()[kind]
 
 
-def search(kind: str, *, seed: int, count: int, seconds: float) -> tuple[int, dict[str, int], int]:
-    """Read mutants until enough are read or time is up: how many, what came of them, findings."""
-    outcomes: dict[str, int] = {}
-    done = found = 0
+def make_mutant(kind: str, seed: int, number: int) -> bytes:
+    """Damage one of the seeds of a format."""
+    rng = np.random.default_rng([seed, number])
+    seeds = seeds_of(kind)
+    return mutate(seeds[int(rng.integers(len(seeds)))], rng)
+
+
+def search(
+    kind: str, numbers: Sequence[int], *, seed: int, seconds: float = float("inf")
+) -> Counter[str]:
+    """Read mutants until all are read or time is up: how often each outcome came."""
+    outcomes: Counter[str] = Counter()
     end = time.monotonic() + seconds
-    with tempfile.TemporaryDirectory(
-        dir="/dev/shm" if Path("/dev/shm").is_dir() else None
-    ) as folder:
+    with tempfile.TemporaryDirectory(dir=memory()) as folder:
         path = Path(folder) / f"mutant.{kind}"
-        for content in mutants(kind, seed):
-            if done >= count or time.monotonic() > end:
+        for number in numbers:
+            if time.monotonic() > end:
                 break
-            done += 1
-            path.write_bytes(content)
+            path.write_bytes(content := make_mutant(kind, seed, number))
             try:
-                outcome = read_all(path, kind)
-            except Exception:
-                found += keep_finding(kind, content)
-                outcome = "ESCAPED"
-            outcomes[outcome] = outcomes.get(outcome, 0) + 1
-    return done, outcomes, found
+                with limited(SLOWEST):
+                    outcomes[read_all(path, kind)] += 1
+            except (Exception, TooSlow):
+                keep_finding(kind, content)
+                outcomes[ESCAPED] += 1
+    return outcomes
 
 
-def keep_finding(kind: str, content: bytes) -> int:
-    """Write down what escaped, and the file that made it; 1 to be counted."""
+def keep_finding(kind: str, content: bytes) -> None:
+    """Write down what escaped, and the file that made it."""
     FINDINGS.mkdir(exist_ok=True)
     name = FINDINGS / f"{hashlib.sha256(content).hexdigest()[:12]}.{kind}"
     name.write_bytes(content)
     trace = traceback.format_exc()
     name.with_suffix(f".{kind}.txt").write_text(trace)
     print(f"{name}: {trace.strip().splitlines()[-1][:200]}", flush=True)
-    return 1
 
 
-def search_by_coverage(kind: str, *, seconds: float) -> None:
-    """Let atheris steer the mutations to code that none has reached; it ends the program itself."""
-    import atheris
+def search_everywhere(
+    kinds: Sequence[str], *, seed: int, count: int, workers: int, progress: Path
+) -> dict[str, Counter[str]]:
+    """Read so many mutants of each format in several processes; what `progress` holds is done."""
+    done, totals = set(), {kind: Counter[str]() for kind in kinds}
+    for line in progress.read_text().splitlines() if progress.exists() else []:
+        chunk = json.loads(line)
+        if chunk["seed"] == seed and chunk["kind"] in totals and chunk["stop"] <= count:
+            done.add((chunk["kind"], chunk["start"], chunk["stop"]))
+            totals[chunk["kind"]].update(chunk["outcomes"])
+    starts = [(kind, start) for kind in kinds for start in range(0, count, CHUNK)]
+    chunks = [(kind, start, min(start + CHUNK, count)) for kind, start in starts]
+    with ProcessPoolExecutor(workers, initializer=be_quiet) as pool, progress.open("a") as notes:
+        waiting = {
+            pool.submit(search, kind, range(start, stop), seed=seed): (kind, start, stop)
+            for kind, start, stop in chunks
+            if (kind, start, stop) not in done
+        }
+        for future in as_completed(waiting):
+            kind, start, stop = waiting[future]
+            outcomes = future.result()
+            totals[kind].update(outcomes)
+            chunk = {"kind": kind, "seed": seed, "start": start, "stop": stop}
+            print(json.dumps({**chunk, "outcomes": outcomes}), file=notes, flush=True)
+    return totals
 
-    folder = tempfile.mkdtemp(dir="/dev/shm" if Path("/dev/shm").is_dir() else None)
-    path, seeds = Path(folder) / f"mutant.{kind}", Path(folder) / "seeds"
-    seeds.mkdir()
-    for number, content in enumerate(make_seeds()[kind]):
-        (seeds / str(number)).write_bytes(content)
 
-    def read_one(content: bytes) -> None:
-        path.write_bytes(content)
-        read_all(path, kind)
+def memory() -> str | None:
+    """Give a folder in memory, where there is one."""
+    return "/dev/shm" if Path("/dev/shm").is_dir() else None
 
-    def mutate_one(content: bytes, longest: int, seed: int) -> bytes:
-        rng = np.random.default_rng(seed)
-        if rng.random() < 0.3:
-            return atheris.Mutate(content, longest)
-        return mutate(content, rng)[:longest]
 
-    for module in [m for name, m in sys.modules.items() if name.startswith("bunraku.formats")]:
-        for name, item in vars(module).items():
-            if callable(item) and getattr(item, "__module__", "") == module.__name__:
-                setattr(
-                    module,
-                    name,
-                    atheris.instrument_func(item) if hasattr(item, "__code__") else item,
-                )
-    FINDINGS.mkdir(exist_ok=True)
-    options = [f"-max_total_time={int(seconds)}", "-max_len=100000", "-timeout=10", str(seeds)]
-    options.append(f"-artifact_prefix={FINDINGS}/")
-    atheris.Setup([sys.argv[0], *options], read_one, custom_mutator=mutate_one)
-    atheris.Fuzz()
+def be_quiet() -> None:
+    """Print no warnings of readers: they are no findings; those of NumPy are."""
+    warnings.simplefilter("error", RuntimeWarning)
+    logging.getLogger("bunraku").addHandler(logging.NullHandler())
 
 
 def main() -> int:
     """Run the command line; 1 if anything escaped."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("kinds", nargs="*", default=sorted(make_seeds()))
-    parser.add_argument("--seconds", type=float, default=60.0)
-    parser.add_argument("--count", type=int, default=10**9)
+    parser.add_argument("--seconds", type=float, default=60.0, help="a format, without --count")
+    parser.add_argument("--count", type=int, help="mutants of each format, however long it takes")
+    parser.add_argument("--workers", type=int, default=1, help="processes, with --count")
+    parser.add_argument("--progress", type=Path, default=FINDINGS / "progress.jsonl")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--atheris", action="store_true")
     options = parser.parse_args()
-    logging.getLogger("bunraku").addHandler(logging.NullHandler())  # warnings are no findings
-    findings = 0
-    for kind in options.kinds:
-        if options.atheris:
-            search_by_coverage(kind, seconds=options.seconds)
-        done, outcomes, found = search(
-            kind, seed=options.seed, count=options.count, seconds=options.seconds
+    be_quiet()
+    options.progress.parent.mkdir(exist_ok=True)
+    if options.count:
+        workers, progress = options.workers, options.progress
+        totals = search_everywhere(
+            options.kinds,
+            seed=options.seed,
+            count=options.count,
+            workers=workers,
+            progress=progress,
         )
-        findings += found
-        told = ", ".join(f"{code} {n}" for code, n in sorted(outcomes.items(), key=lambda o: -o[1]))
-        print(f"{kind}: {done} mutants, {found} escaped: {told}", flush=True)
-    return int(findings > 0)
+    else:
+        every = range(10**9)
+        totals = {
+            kind: search(kind, every, seed=options.seed, seconds=options.seconds)
+            for kind in options.kinds
+        }
+    for kind, outcomes in totals.items():
+        told = ", ".join(f"{code} {n}" for code, n in outcomes.most_common())
+        print(f"{kind}: {outcomes.total()} mutants, {outcomes[ESCAPED]} escaped: {told}")
+    return int(any(outcomes[ESCAPED] for outcomes in totals.values()))
 
 
 if __name__ == "__main__":

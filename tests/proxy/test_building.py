@@ -133,7 +133,9 @@ def test_the_last_resort_is_clean_and_of_about_the_right_size(monkeypatch):
 
 def test_a_line_is_no_figure():
     line = np.linspace([0.0, 0, 0], [1.0, 0, 0], 10)
-    with pytest.raises(ValueError, match="its 10 vertices lie on a line or a point"):
+    with pytest.raises(
+        ValueError, match="its 10 vertices are at 10 different places, or on one line"
+    ):
         build_proxy(line, NO_FACES)
 
 

@@ -2,10 +2,14 @@
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
+from bunraku.formats import read_figure
 from bunraku.routes.from_rig import animate_from_rig
 from bunraku.types import Mesh
 from tests.creatures import make_creature
+from tests.formats.test_metamorphic import write
 
 SAME = 1e-5
 
@@ -31,6 +35,23 @@ def scale(factor: float):
     return change
 
 
+def move(mesh: Mesh) -> tuple[Mesh, np.ndarray]:
+    """Put a mesh ten thousand of its heights away."""
+    return Mesh(mesh.vertices + np.array([1e4, -1e4, 0.5e4]), mesh.faces), np.arange(
+        len(mesh.vertices)
+    )
+
+
+def turn(degrees: float):
+    """Turn a mesh about the vertical."""
+
+    def change(mesh: Mesh) -> tuple[Mesh, np.ndarray]:
+        about = Rotation.from_euler("y", degrees, degrees=True).as_matrix()
+        return Mesh(mesh.vertices @ about.T, mesh.faces), np.arange(len(mesh.vertices))
+
+    return change
+
+
 @pytest.fixture(scope="module")
 def figure() -> Mesh:
     return make_creature(0.028).mesh
@@ -43,10 +64,38 @@ def skin(creature, figure) -> np.ndarray:
 
 @pytest.mark.parametrize(
     "change",
-    [shuffle, unweld, scale(1e-6), scale(1e7)],
-    ids=["order", "unwelded", "scale 1e-6", "scale 1e7"],
+    [shuffle, unweld, scale(1e-6), scale(1e7), move, turn(90), turn(37)],
+    ids=[
+        "order",
+        "unwelded",
+        "scale 1e-6",
+        "scale 1e7",
+        "moved 1e4",
+        "turned 90",
+        "turned 37",
+    ],
 )
 def test_the_skin_stays_the_same(creature, figure, skin, change):
     changed, old_of = change(figure)
     weights = animate_from_rig(creature, changed, clips=()).character.skin.weights
     np.testing.assert_allclose(weights, skin[old_of], atol=SAME)
+
+
+@pytest.fixture(scope="module")
+def rounded(figure) -> Mesh:
+    """The figure with coordinates that every format holds exactly."""
+    return Mesh(figure.vertices.astype(np.float32).astype(float), figure.faces)
+
+
+@pytest.fixture(scope="module")
+def rounded_skin(creature, rounded) -> np.ndarray:
+    return animate_from_rig(creature, rounded, clips=()).character.skin.weights
+
+
+@pytest.mark.parametrize("kind", ["obj", "ply", "stl", "off", "glb"])
+def test_the_skin_does_not_hang_on_the_format(creature, rounded, rounded_skin, tmp_path, kind):
+    found = read_figure(write(tmp_path, rounded, kind), up="y", facing="+z").mesh
+    distance, old_of = cKDTree(rounded.vertices).query(found.vertices)
+    assert distance.max() == 0
+    weights = animate_from_rig(creature, found, clips=()).character.skin.weights
+    np.testing.assert_allclose(weights, rounded_skin[old_of], atol=SAME)

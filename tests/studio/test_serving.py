@@ -4,6 +4,7 @@ import threading
 import pytest
 
 from bunraku.cli import run
+from bunraku.errors import Code
 from bunraku.studio import visits
 from bunraku.studio.serving import Studio
 from bunraku.types import FormatError
@@ -11,8 +12,11 @@ from bunraku.types import FormatError
 
 def test_a_missing_extra_is_one_line(monkeypatch):
     monkeypatch.setitem(sys.modules, "viser", None)
-    with pytest.raises(FormatError, match=r"needs the extra: pip install 'bunraku\[studio\]'"):
+    with pytest.raises(
+        FormatError, match=r"needs the extra: pip install 'bunraku\[studio\]'"
+    ) as caught:
         Studio(port=0)
+    assert caught.value.code is Code.EXTRA_MISSING
 
 
 def test_a_missing_figure_is_one_line(capsys):

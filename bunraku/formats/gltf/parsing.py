@@ -40,15 +40,26 @@ def parse_json(path: str, json: bytes) -> tuple[bytes, Gltf]:
         raise
     except (RecursionError, ValueError) as problem:
         raise _trouble(path, problem) from None
-    if not gltf.asset.version.startswith("2."):
-        message = f"glTF version {gltf.asset.version[:20]!r}; only 2 is read, export it again"
-        raise FormatError(path, "/asset/version", message, code=Code.GLTF_VERSION)
+    mended = _check_version(path, gltf, raw) or mended
     if gltf.meshes and all(node.mesh is None for node in gltf.nodes):
         message = f"no node shows a mesh; each of the {len(gltf.meshes)} is given one"
         announce(path, message, code=Code.GLTF_UNSHOWN, where="/nodes")
         mended = _show_meshes(mended or raw, len(gltf.meshes))
         gltf = msgspec.convert(mended, Gltf)
     return (msgspec.json.encode(mended) if mended else json), gltf
+
+
+def _check_version(path: str, gltf: Gltf, raw: dict[str, Any]) -> dict[str, Any] | None:
+    """Refuse other versions than 2; give the document mended if its version is a number."""
+    version = gltf.asset.version
+    if not re.match(r"2(\.|$)", str(version)):
+        message = f"glTF version {str(version)[:20]!r}; only 2 is read, export it again"
+        raise FormatError(path, "/asset/version", message, code=Code.GLTF_VERSION)
+    if isinstance(version, str):
+        return None
+    message = f"the version is the number {version}, wanted a text; taken as '2.0'"
+    announce(path, message, code=Code.GLTF_SCHEMA, where="/asset/version")
+    return _with_integers(raw) | {"asset": raw["asset"] | {"version": "2.0"}}
 
 
 def _trouble(path: str, problem: Exception) -> FormatError:

@@ -29,7 +29,7 @@ ElementType = Literal["SCALAR", "VEC2", "VEC3", "VEC4", "MAT2", "MAT3", "MAT4"]
 class Asset(Struct):
     """Which glTF this is."""
 
-    version: str
+    version: str | int | float  # a number breaks the specification, but leaves nothing open
 
 
 class Buffer(Struct, rename="camel"):

@@ -1,0 +1,25 @@
+import subprocess
+import sys
+
+FAULTS = """
+import resource, sys
+import numpy as np
+from bunraku.cli.memory import keep_freed_memory
+if sys.argv[1] == "keep":
+    keep_freed_memory()
+for _ in range(30):
+    np.ones(2_000_000)
+print(resource.getrusage(resource.RUSAGE_SELF).ru_minflt)
+"""
+
+
+def count_faults(how: str) -> int:
+    command = [sys.executable, "-c", FAULTS, how]
+    return int(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+
+
+def test_memory_that_is_kept_is_not_asked_for_again():
+    fresh, kept = count_faults("fresh"), count_faults("keep")
+    assert kept <= fresh
+    if sys.platform.startswith("linux") and fresh > 2 * 60_000:  # small pages, glibc
+        assert kept < 0.7 * fresh

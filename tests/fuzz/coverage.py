@@ -1,0 +1,70 @@
+"""Damage files so that they reach code that none has reached yet; needs the extra `fuzz`.
+
+    python -m tests.fuzz.coverage ply --seconds 600
+
+The same mutations and the same judge as in `run`; atheris steers by which branches of the readers
+a mutant took, and ends the program itself. Whatever escapes is printed, and kept in
+`fuzz-findings/`; the exit code is not 0 then.
+"""
+
+import argparse
+import shutil
+import tempfile
+from pathlib import Path
+
+import atheris
+import numpy as np
+
+with atheris.instrument_imports(include=["bunraku.formats"], enable_loader_override=False):
+    from tests.fuzz import run
+from tests.fuzz.mutants import mutate
+
+MIXED = 0.3  # share of mutations that are atheris's own, which know no structure
+LONGEST = 100_000  # bytes of a mutant
+
+
+def search(kind: str, *, seconds: float, seed: int) -> None:
+    """Read mutants of a format until time is up, or something escapes."""
+    folder = Path(tempfile.mkdtemp(dir=run.memory()))
+    path, seeds = folder / f"mutant.{kind}", folder / "seeds"
+    seeds.mkdir()
+    for number, content in enumerate(run.seeds_of(kind)):
+        (seeds / str(number)).write_bytes(content)
+
+    def read_one(content: bytes) -> None:
+        path.write_bytes(content)
+        try:
+            with run.limited(run.SLOWEST):
+                run.read_all(path, kind)
+        except (Exception, run.TooSlow):
+            run.keep_finding(kind, content)
+            raise
+
+    def mutate_one(content: bytes, longest: int, seed: int) -> bytes:
+        rng = np.random.default_rng(seed)
+        if rng.random() < MIXED:
+            return atheris.Mutate(content, longest)
+        return mutate(content, rng)[:longest]
+
+    options = [f"-max_total_time={int(seconds)}", f"-seed={seed + 1}", f"-max_len={LONGEST}"]
+    options += [f"-artifact_prefix={folder}/", "-verbosity=0", "-print_final_stats=1", str(seeds)]
+    atheris.Setup(["fuzz", *options], read_one, custom_mutator=mutate_one)
+    try:
+        atheris.Fuzz()
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def main() -> None:
+    """Run the command line."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("kind", choices=sorted(run.make_seeds()))
+    parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    run.be_quiet()
+    search(options.kind, seconds=options.seconds, seed=options.seed)
+
+
+if __name__ == "__main__":
+    main()
