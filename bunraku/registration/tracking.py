@@ -32,6 +32,7 @@ FEWEST_FREE = 10  # vertices without depth of their own that unexplained depth m
 FEWEST_TRIED = 8  # frames of a video in which another than the first may be better to start from
 DOUBTFUL = 0.35  # share of standing still's error, from which on another start is tried
 MUCH_NEARER = 0.7  # of the first frame's error: where another frame must get to be preferred
+Samples = tuple[Int[np.ndarray, " samples"], Float[np.ndarray, "samples 6"]]
 Progress = Callable[[int, int], None]
 
 
@@ -73,6 +74,15 @@ class Track:
 
 
 @dataclass(frozen=True, eq=False)
+class Sight:
+    """What a camera saw of a subject, frame by frame."""
+
+    views: Sequence[View]
+    intrinsics: Float[np.ndarray, "3 3"]  # pixels_from_camera
+    unit: float  # half the subject's diagonal, metres
+
+
+@dataclass(frozen=True, eq=False)
 class Model:
     """The reference surface in units of half its diagonal, with its graph."""
 
@@ -104,18 +114,16 @@ def track(
     graph = build_graph(start.vertices / unit, start.faces, settings.radius)
     model = Model(start.vertices / unit, start.normals, graph, unit)
     begin = at_rest(graph)
-    motions = follow(
-        model, begin, views, reference, intrinsics, settings=settings, progress=progress
-    )
+    sight = Sight(views, intrinsics, unit)
+    motions = follow(model, begin, sight, reference, settings=settings, progress=progress)
     return judge(model, motions, views, reference, intrinsics)
 
 
 def follow(
     model: Model,
     begin: Motion,
-    views: Sequence[View],
+    sight: Sight,
     reference: int,
-    intrinsics: Float[np.ndarray, "3 3"],
     *,
     settings: Settings,
     progress: Progress = lambda done, count: None,
@@ -126,14 +134,14 @@ def follow(
         begin: the motion in that frame.
     """
     motions: dict[int, Motion] = {reference: begin}
-    done = 0
+    done, views = 0, sight.views
     for order in (range(reference + 1, len(views)), range(reference - 1, -1, -1)):
         previous = current = begin
         for frame in order:
             guess = predict(previous, current, settings.momentum)
             previous, current = (
                 current,
-                fit_frame(model, guess, views[frame], intrinsics, settings, seed=frame),
+                fit_frame(model, guess, views[frame], sight.intrinsics, settings, seed=frame),
             )
             motions[frame] = current
             done += 1
@@ -216,10 +224,8 @@ def fit_frame(
         if not seen.any():
             return motion
         asked = draw(len(goal), settings.queries, rng)
-        behind = rows[hidden], places[hidden]
-        matched = find_matches(
-            model.graph, rows[seen], places[seen], tree, asked, settings, hidden=behind
-        )
+        before, behind = ((rows[part], places[part]) for part in (seen, hidden))
+        matched = find_matches(model.graph, before, tree, asked, settings, hidden=behind)
         weights = matched.weights * (2500 / max(len(matched.weights), 1))
         places, towards = goal[matched.still], normals[matched.still]
         wish = Wish(matched.moving, places, towards, weights, settings.share)
@@ -245,13 +251,12 @@ class Matches:
 
 def find_matches(
     graph: Graph,
-    rows: Int[np.ndarray, " samples"],
-    asking: Float[np.ndarray, "samples 6"],
+    shown: Samples,
     tree: cKDTree,
     asked: Int[np.ndarray, " asked"],
     settings: Settings,
     *,
-    hidden: tuple[Int[np.ndarray, " few"], Float[np.ndarray, "few 6"]],
+    hidden: Samples,
 ) -> Matches:
     """Match a surface with a frame's depth, both ways.
 
@@ -260,11 +265,12 @@ def find_matches(
     vertex explains pulls such free vertices, from afar.
 
     Args:
-        rows: vertices of the surface that should be seen.
-        asking: their places and normals.
+        shown: vertices of the surface that should be seen, with their places and normals.
         tree: places and normals of the depth's points.
         asked: which of these ask for their nearest vertex.
+        hidden: vertices that face the camera behind others; they wait for unexplained depth too.
     """
+    rows, asking = shown
     own = cKDTree(asking)
     few = slice(0, settings.queries)
     forward, nearest = tree.query(asking[few])

@@ -5,33 +5,30 @@ frame it was taken from. The figure has all of that right. Brought into the perf
 pose it is the better model to fit to every frame, by the same solver (docs/log.md).
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
 
 from bunraku.curves import CurveSkeleton
-from bunraku.depth.meshing import View
 from bunraku.meshes import vertex_normals
 from bunraku.registration.deformation import at_rest, warp
 from bunraku.registration.rings import build_ring_graph
-from bunraku.registration.tracking import Model, Progress, Settings, are_seen, fit_frame, follow
+from bunraku.registration.tracking import (
+    Model,
+    Progress,
+    Settings,
+    Sight,
+    are_seen,
+    fit_frame,
+    follow,
+)
 
 Points = Float[np.ndarray, "vertices 3"]
 Paths = Float[np.ndarray, "frames vertices 3"]
 ASKED = 1500  # points of each side that an error is measured from
 SETTINGS = Settings(rigidity=100.0)  # of ball joints, which are to hold
-
-
-@dataclass(frozen=True, eq=False)
-class Sight:
-    """What a camera saw, frame by frame."""
-
-    views: Sequence[View]
-    intrinsics: Float[np.ndarray, "3 3"]  # pixels_from_camera
-    unit: float  # half the subject's diagonal, metres
 
 
 def follow_whole(
@@ -41,7 +38,6 @@ def follow_whole(
     sight: Sight,
     frame: int,
     *,
-    settings: Settings = SETTINGS,
     progress: Progress = lambda done, count: None,
 ) -> Paths:
     """Follow a closed surface through all frames from the one in which it lies about right.
@@ -53,13 +49,11 @@ def follow_whole(
     """
     unit = sight.unit
     vertices, small = surface / unit, replace(curves, nodes=curves.nodes / unit)
-    graph = build_ring_graph(vertices, faces, small, settings.radius)
+    graph = build_ring_graph(vertices, faces, small, SETTINGS.radius)
     model = Model(vertices, vertex_normals(vertices, faces), graph, unit)
     view, camera = sight.views[frame], sight.intrinsics
-    begin = fit_frame(model, at_rest(graph), view, camera, settings, seed=frame)
-    motions = follow(
-        model, begin, sight.views, frame, camera, settings=settings, progress=progress
-    )
+    begin = fit_frame(model, at_rest(graph), view, camera, SETTINGS, seed=frame)
+    motions = follow(model, begin, sight.views, frame, camera, settings=settings, progress=progress)
     return np.stack([unit * warp(graph, motion, vertices, slice(None)) for motion in motions])
 
 

@@ -1,7 +1,7 @@
 """Follow the figure itself through a depth video, where that explains the video better."""
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -9,7 +9,8 @@ from jaxtyping import Float
 from bunraku.bones.splitting import Bones
 from bunraku.curves import extract_curves
 from bunraku.embedding import Embedding, best_similarity
-from bunraku.registration.whole import Sight, depth_errors, follow_whole
+from bunraku.registration.tracking import Sight
+from bunraku.registration.whole import depth_errors, follow_whole
 from bunraku.rotations import compose_transforms
 from bunraku.routes.capturing import Capture, announce_frames, rig_surface
 from bunraku.skinning import clip_transforms, forward_kinematics, linear_blend_skinning
@@ -52,7 +53,7 @@ def follow_figure(
     frame = embedding.frame if embedding.frame >= 0 else capture.track.reference
     surface = carried[frame]
     curves = extract_curves(surface, figure.faces)
-    centred = type(curves)(curves.nodes - capture.eye, curves.edges, curves.owners)
+    centred = replace(curves, nodes=curves.nodes - capture.eye)
     place = surface - capture.eye, figure.faces, centred
     paths = follow_whole(*place, sight, frame, progress=announce_frames())
     ours = depth_errors(paths, figure.faces, sight)

@@ -86,6 +86,12 @@ def animate_from_depth(
     clips = tuple(start_above(clip, followed.joints[0]) for clip in carried)
     skin = Skin(weights, invert_rigid(bind))
     return DepthTransfer(
-        *(target, embedding, followed, plan, Character(figure, skeleton_of(source, bind), skin, clips)),
+        *(
+            target,
+            embedding,
+            followed,
+            plan,
+            Character(figure, skeleton_of(source, bind), skin, clips),
+        ),
         *(embedding.confidence, embedding.doubts, watch.end()),
     )
