@@ -32,7 +32,6 @@ FEWEST_FREE = 10  # vertices without depth of their own that unexplained depth m
 FEWEST_TRIED = 8  # frames of a video in which another than the first may be better to start from
 DOUBTFUL = 0.35  # share of standing still's error, from which on another start is tried
 MUCH_NEARER = 0.7  # of the first frame's error: where another frame must get to be preferred
-Samples = tuple[Int[np.ndarray, " samples"], Float[np.ndarray, "samples 6"]]
 Progress = Callable[[int, int], None]
 
 
@@ -52,6 +51,7 @@ class Settings:
     momentum: float = 0.6  # of the last frame's motion, taken as the first guess
     unexplained: float = 0.08  # depth farther than this from the surface pulls free vertices
     reach: float = 0.35  # of that pull
+    behind: bool = False  # vertices behind others wait for unexplained depth too
     both_ways: bool = True  # depth asks for its nearest on the surface too
 
 
@@ -220,7 +220,7 @@ def fit_frame(
         facing, shown = are_seen(
             model.unit * moved, turned, view, intrinsics, slack=0.05 * model.unit
         )
-        seen, hidden = facing & shown, facing & ~shown
+        seen, hidden = facing & shown, facing & ~shown & settings.behind
         if not seen.any():
             return motion
         asked = draw(len(goal), settings.queries, rng)
@@ -251,12 +251,12 @@ class Matches:
 
 def find_matches(
     graph: Graph,
-    shown: Samples,
+    shown: tuple[Int[np.ndarray, " samples"], Float[np.ndarray, "samples 6"]],
     tree: cKDTree,
     asked: Int[np.ndarray, " asked"],
     settings: Settings,
     *,
-    hidden: Samples,
+    hidden: tuple[Int[np.ndarray, " others"], Float[np.ndarray, "others 6"]],
 ) -> Matches:
     """Match a surface with a frame's depth, both ways.
 

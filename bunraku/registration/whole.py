@@ -28,7 +28,7 @@ from bunraku.registration.tracking import (
 Points = Float[np.ndarray, "vertices 3"]
 Paths = Float[np.ndarray, "frames vertices 3"]
 ASKED = 1500  # points of each side that an error is measured from
-SETTINGS = Settings(rigidity=100.0)  # of ball joints, which are to hold
+SETTINGS = Settings(rigidity=100.0, behind=True)  # ball joints hold; hidden limbs come back
 
 
 def follow_whole(
@@ -53,7 +53,7 @@ def follow_whole(
     model = Model(vertices, vertex_normals(vertices, faces), graph, unit)
     view, camera = sight.views[frame], sight.intrinsics
     begin = fit_frame(model, at_rest(graph), view, camera, SETTINGS, seed=frame)
-    motions = follow(model, begin, sight.views, frame, camera, settings=settings, progress=progress)
+    motions = follow(model, begin, sight, frame, settings=SETTINGS, progress=progress)
     return np.stack([unit * warp(graph, motion, vertices, slice(None)) for motion in motions])
 
 
