@@ -17,6 +17,7 @@ from bunraku.skinning import clip_transforms, forward_kinematics, linear_blend_s
 from bunraku.types import Character, Mesh
 
 logger = logging.getLogger(__name__)
+CLEARLY = 0.9  # of the carried figure's error: what is fitted to depth is always a little nearer
 Paths = Float[np.ndarray, "frames vertices 3"]
 
 
@@ -41,7 +42,7 @@ def follow_figure(
     """Choose who moves the figure: the seen side, or the figure followed as a whole.
 
     The figure takes the performer's shape, once carried by the bones of the seen side and once
-    fitted to every frame anew; what lies nearer to the depth is believed.
+    fitted to every frame anew; the latter is believed if it lies clearly nearer to the depth.
 
     Args:
         figure: its closed proxy.
@@ -59,7 +60,7 @@ def follow_figure(
     ours = depth_errors(paths, figure.faces, sight)
     theirs = depth_errors(carried - capture.eye, figure.faces, sight)
     logger.info("depth error %.4f m followed, %.4f m carried", ours.mean(), theirs.mean())
-    if theirs.mean() <= ours.mean():
+    if ours.mean() > CLEARLY * theirs.mean():
         turns = embedding.turns
         return Followed(performer, weights, embedding.joints, turns, theirs, whole=False)
     bones, mover = rig_surface(curves, paths + capture.eye, figure.faces, frame, capture.times)
