@@ -4,9 +4,14 @@ import numpy as np
 import pytest
 
 from bunraku.embedding import embed, spread_weights
+from bunraku.evaluate.metrics import reconstruction_error
+from bunraku.evaluate.report import report_depth_transfer
 from bunraku.proxy import build_proxy
+from bunraku.routes import following
 from bunraku.routes.following import carry_figure, follow_figure, lay_bones
+from bunraku.routes.from_depth import animate_from_depth
 from bunraku.skinning import play_clip
+from bunraku.types import Mesh
 
 
 @pytest.fixture(scope="module")
@@ -54,3 +59,20 @@ def test_bones_are_laid_where_their_surface_is(capture, figure, film):
     joints, turns = lay_bones(performer, bones, copy)
     np.testing.assert_allclose(joints, 1.5 * bones.joints @ turn.T + [1.0, 2.0, 3.0], atol=1e-6)
     np.testing.assert_allclose(turns, np.broadcast_to(turn, turns.shape), atol=1e-6)
+
+
+def test_the_report_tells_that_the_figure_itself_was_followed(capture, film, monkeypatch):
+    figure = Mesh(film.places[0], film.faces)
+    errors = iter([0.0, 1.0])  # of the figure followed, and of the figure carried
+    count = len(capture.times)
+    monkeypatch.setattr(following, "depth_errors", lambda *_: np.full(count, next(errors)))
+    moved = animate_from_depth(capture, figure)
+    told = report_depth_transfer("figure.ply", "film", capture, moved, total_seconds=1.0)
+    assert moved.followed.whole and told["followed"] == "figure"
+    assert told["depth_error_m"] == [0.0] * count
+    (clip,) = told["clips"]
+    assert clip["frames"] == count and np.isfinite(clip["stretch_p99"])
+    frames = play_clip(moved.character, moved.character.clips[0])
+    frames = frames - (frames[0] - figure.vertices).mean(axis=0)
+    frozen = reconstruction_error(np.broadcast_to(figure.vertices, frames.shape), film.places)
+    assert reconstruction_error(frames, film.places) < 0.35 * frozen
