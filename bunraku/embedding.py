@@ -76,6 +76,8 @@ class Embedding:
     misfit: float  # 0 perfect, 2 nowhere near
     matched: Float[np.ndarray, " bones"]  # share of each bone's surface that met the figure
     inside: float  # share of joints inside the figure, or as good as
+    linear: Float[np.ndarray, "bones 3 3"]  # turn and stretch of each bone: reference to figure
+    frame: int  # of the performer's clip in which it stands as the figure does; -1 for its rest
 
     @property
     def confidence(self) -> float:
@@ -111,7 +113,7 @@ def embed(performer: Character, bones: Bones, figure: Mesh) -> Embedding:
     puppet, own_unit = make_seen_puppet(performer, bones)
     fits = [fit_bones(puppet, start, surface) for start in find_starts(performer, puppet, surface)]
     best = min(fits, key=lambda fit: doubt(puppet, fit, surface))
-    turns, _, anchors = best.pose.world(puppet)
+    turns, linear, anchors = best.pose.world(puppet)
     moved, normals = move_puppet(puppet, best.pose)
     met = nearness(moved, normals, surface) > 0.5
     owned = np.bincount(bones.owners, minlength=len(turns))
@@ -125,6 +127,8 @@ def embed(performer: Character, bones: Bones, figure: Mesh) -> Embedding:
         seen_misfit(puppet, best, surface),
         hits / np.maximum(owned, 1),
         share_inside(anchors, surface),
+        linear * unit / own_unit,
+        best.frame,
     )
 
 
@@ -145,6 +149,7 @@ class Start:
     moment: Pose  # of the performer, in its own frame
     whole: Similarity
     pose: Pose  # on the figure
+    frame: int  # of the performer's clip; -1 for its rest
 
 
 def find_starts(performer: Character, puppet: Puppet, surface: Surface) -> list[Start]:
@@ -153,17 +158,18 @@ def find_starts(performer: Character, puppet: Puppet, surface: Surface) -> list[
     A figure may stand as the performer did in any frame.
     """
     rough = []
-    for moment in moments_of(performer, puppet):
+    for frame, moment in moments_of(performer, puppet):
         for turn in heading_turns(HEADINGS):
             whole = Similarity(turn, middle_of(surface) - turn @ middle_of(puppet), 1.0)
-            start = align(puppet, place(moment, whole), surface, WIDTHS[::4], 250)
+            start = place(moment, whole, frame)
+            start = align(puppet, start, surface, WIDTHS[::4], 250)
             rough.append((seen_misfit(puppet, start, surface, count=300), start))
     rough.sort(key=lambda entry: entry[0])
     return [align(puppet, start, surface, WIDTHS[4:], 500) for _, start in rough[:KEPT]]
 
 
-def moments_of(performer: Character, puppet: Puppet) -> list[Pose]:
-    """Give the puppet's pose at rest and in frames spread over the performer's clip."""
+def moments_of(performer: Character, puppet: Puppet) -> list[tuple[int, Pose]]:
+    """Give the puppet's pose at rest (-1) and in frames spread over the performer's clip."""
     clip = performer.clips[0]
     vertices = performer.mesh.vertices
     unit = float(np.sqrt(surface_area(vertices, performer.mesh.faces) / SEEN_SHARE))
@@ -173,7 +179,7 @@ def moments_of(performer: Character, puppet: Puppet) -> list[Pose]:
     still = np.zeros((len(puppet.parents), 2))
     turned = quaternions_to_matrices(clip.rotations[frames])
     moving = [Pose(root, turn, still) for root, turn in zip(roots, turned, strict=True)]
-    return [rest_pose(puppet), *moving]
+    return [(-1, rest_pose(puppet)), *zip(frames.tolist(), moving, strict=True)]
 
 
 def middle_of(surface: Surface | Puppet) -> Float[np.ndarray, "3"]:
@@ -182,13 +188,13 @@ def middle_of(surface: Surface | Puppet) -> Float[np.ndarray, "3"]:
     return middle
 
 
-def place(moment: Pose, whole: Similarity) -> Start:
+def place(moment: Pose, whole: Similarity, frame: int) -> Start:
     """Lay a pose on a figure as a whole."""
     rotations = moment.rotations.copy()
     rotations[0] = whole.rotation @ rotations[0]
     root = whole.scale * whole.rotation @ moment.root + whole.shift
     scales = np.full_like(moment.scales, np.log(whole.scale))
-    return Start(moment, whole, Pose(root, rotations, scales))
+    return Start(moment, whole, Pose(root, rotations, scales), frame)
 
 
 def make_seen_puppet(performer: Character, bones: Bones) -> tuple[Puppet, float]:
@@ -274,7 +280,7 @@ def align(
         weights = pairs.weight * robust_weights(pairs.squared, width)
         goals = surface.vertices[pairs.still]
         found = best_similarity(own[order[pairs.moving]], goals, weights)
-    return place(start.moment, found)
+    return place(start.moment, found, start.frame)
 
 
 def best_similarity(
@@ -327,7 +333,7 @@ def seen_misfit(
 
 def doubt(puppet: Puppet, fit: Start, surface: Surface) -> float:
     """Rank fits by misfit, made worse by what bones turned and stretched beyond their moment."""
-    start = place(fit.moment, fit.whole).pose
+    start = place(fit.moment, fit.whole, fit.frame).pose
     turned = np.swapaxes(start.rotations, 1, 2) @ fit.pose.rotations
     stretch = float(np.abs(fit.pose.scales - start.scales).mean())
     turn = float(rotation_angles(turned).mean())

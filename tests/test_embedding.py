@@ -55,6 +55,8 @@ def test_weights_are_the_seen_ones_where_seen_and_spread_elsewhere(capture, film
         0.0,
         np.ones(bones),
         1.0,
+        np.tile(np.eye(3), (bones, 1, 1)),
+        -1,
     )
     weights, met = spread_weights(performer, exact, figure)
     np.testing.assert_allclose(weights.sum(axis=1), 1.0)

@@ -50,6 +50,7 @@ class Row:
     static: float | None = None  # RE of the frozen figure
     local_static: float | None = None
     warned: bool = False
+    whole: bool = False  # the figure itself was followed, not the side that was seen
     tracking_seconds: float | None = None
     seconds: float | None = None
     failure: str = ""
@@ -152,7 +153,8 @@ def measure(task: Task) -> Row:
     frames = at_times(moved.character, film.video.times)
     row = replace(row, **compare(frames, film, ""))
     warned = bool(capture.warnings or moved.warnings)
-    return replace(row, embedded=moved.embedding.inside, seconds=seconds, warned=warned)
+    found = moved.embedding.inside, moved.followed.whole
+    return replace(row, embedded=found[0], whole=found[1], seconds=seconds, warned=warned)
 
 
 def compare(frames: Frames, film: Film, kind: str) -> dict[str, Any]:
@@ -197,8 +199,8 @@ def describe(row: Row) -> str:
     track += f"{row.tracking_static:.3f})"
     figure = f"RE {row.error:.3f} LPE {row.local:.3f} (frozen {row.static:.3f} "
     figure += f"{row.local_static:.3f}), ratio {row.ratio:.2f}, embedded {row.embedded:.0%}"
-    warned = ", WARNED" if row.warned else ""
-    return f"{name}: {track}, {figure}, {row.seconds:.0f} s{warned}"
+    told = ", followed as a whole" * row.whole + ", WARNED" * row.warned
+    return f"{name}: {track}, {figure}, {row.seconds:.0f} s{told}"
 
 
 def tabulate(rows: Sequence[Row]) -> Table:

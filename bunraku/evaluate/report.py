@@ -264,6 +264,7 @@ def report_depth_transfer(
     """
     told = report_capture(performance, capture, total_seconds=total_seconds)
     names, matched = capture.character.skeleton.names, transfer.embedding.matched.tolist()
+    mover = transfer.followed
     return told | {
         "figure": describe_figure(figure_path, transfer.character.mesh),
         "seconds": {"total": total_seconds, **capture.seconds, **transfer.seconds},
@@ -272,5 +273,7 @@ def report_depth_transfer(
         "map": {"mirrored": False, "score": transfer.embedding.misfit},
         "matched": dict(zip(names, matched, strict=True)),
         "skin": describe_skin(transfer.character.skin),
-        "clips": [asdict(clip) for clip in describe_clips(capture.character, transfer)],
+        "followed": "figure" if mover.whole else "seen side",
+        "depth_error_m": mover.errors.tolist(),
+        "clips": [asdict(clip) for clip in describe_clips(mover.performer, transfer)],
     }

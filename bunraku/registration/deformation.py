@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from bunraku.graphs import adjacency, edge_lengths, mesh_edges
 from bunraku.meshes import sum_rows
-from bunraku.rotations import vectors_to_matrices
+from bunraku.rotations import matrices_to_vectors, vectors_to_matrices
 
 INFLUENCES, NEIGHBOURS = 4, 8  # nodes of a vertex, neighbours of a node (Sec. 3.1)
 PART = 4  # radii along the surface up to which vertices belong together
@@ -31,7 +31,9 @@ class Graph:
     nodes: Float[np.ndarray, "nodes 3"]
     influences: Int[np.ndarray, "vertices 4"]  # nodes of each vertex
     weights: Float[np.ndarray, "vertices 4"]  # rows sum to 1 (Eq. 3)
-    edges: Int[np.ndarray, "edges 2"]  # every edge in both directions
+    edges: Int[np.ndarray, "edges 2"]
+    pivots: Float[np.ndarray, "edges 3"]  # at rest: where both ends of an edge must agree
+    bends: Float[np.ndarray, " edges"]  # cost of turning one end against the other
     near: Bool[np.ndarray, "nodes nodes"]  # less than PART radii apart along the surface
 
     def same_part(
@@ -81,8 +83,11 @@ def build_graph(
     order = np.argsort(nearest, axis=1, kind="stable")
     nearest = np.take_along_axis(nearest, order, axis=1)
     weights = np.take_along_axis(weights, order, axis=1)
-    ties = tie_nodes(vertices[chosen], away[chosen])
-    return Graph(vertices[chosen], nearest, weights, ties, away[chosen] < PART * radius)
+    nodes = vertices[chosen]
+    ties = tie_nodes(nodes, away[chosen])  # both ways: each end says where the other should be
+    free = np.zeros(len(ties))
+    near = away[chosen] < PART * radius
+    return Graph(nodes, nearest, weights, ties, nodes[ties[:, 1]], free, near)
 
 
 def cover(surface: csr_array, radius: float) -> Int[np.ndarray, " nodes"]:
@@ -208,6 +213,8 @@ def gauss_newton(
     blocks, right = np.zeros((count, count, 6, 6)), np.zeros((count, 6))
     add_wishes(blocks, right, graph, motion, vertices, wish)
     add_rigidity(blocks, right, graph, motion, rigidity)
+    if graph.bends.any():
+        add_bends(blocks, right, graph, motion)
     matrix = blocks.transpose(0, 2, 1, 3).reshape(6 * count, 6 * count)
     matrix[np.arange(6 * count), np.arange(6 * count)] += damping
     factor = cho_factor(matrix, lower=False, overwrite_a=True, check_finite=False)
@@ -260,17 +267,36 @@ def add_rigidity(
     motion: Motion,
     rigidity: float,
 ) -> None:
-    """Add, in place, the normal equations of E_smooth (Eq. 4)."""
-    here, there = graph.edges.T
-    arms = np.einsum("eac,ec->ea", motion.rotations[here], graph.nodes[there] - graph.nodes[here])
-    reached = graph.nodes + motion.translations
-    residual = reached[there] - reached[here] - arms
-    jacobian = np.zeros((len(here), 3, 12))
-    jacobian[..., :3] = -skew(arms)
-    jacobian[..., 3:6] = np.eye(3)
-    jacobian[..., 9:] = -np.eye(3)
+    """Add, in place, the normal equations of E_smooth (Eq. 4): both ends agree about the pivot.
+
+    With the pivot at the other node this is the paper's term; in between it is a ball joint.
+    """
+    moved = graph.nodes + motion.translations
+    arms = graph.pivots[:, None] - graph.nodes[graph.edges]
+    arms = np.einsum("ekac,ekc->eka", motion.rotations[graph.edges], arms)
+    reached = moved[graph.edges] + arms
+    residual = reached[:, 1] - reached[:, 0]
+    jacobian = np.zeros((len(arms), 3, 12))
+    jacobian[..., :3], jacobian[..., 6:9] = -skew(arms[:, 0]), skew(arms[:, 1])
+    jacobian[..., 3:6], jacobian[..., 9:] = np.eye(3), -np.eye(3)
     gradient = rigidity * np.einsum("eau,ea->eu", jacobian, residual)
     own = rigidity * np.swapaxes(jacobian, 1, 2) @ jacobian
+    add_blocks(blocks, right, graph.edges, own, gradient)
+
+
+def add_bends(
+    blocks: Float[np.ndarray, "nodes nodes 6 6"],
+    right: Float[np.ndarray, "nodes 6"],
+    graph: Graph,
+    motion: Motion,
+) -> None:
+    """Add, in place, the cost of nodes that turn against each other."""
+    here, there = np.swapaxes(motion.rotations[graph.edges], 0, 1)
+    apart = matrices_to_vectors(there @ np.swapaxes(here, 1, 2))
+    jacobian = np.zeros((len(apart), 3, 12))
+    jacobian[..., :3], jacobian[..., 6:9] = np.eye(3), -np.eye(3)
+    gradient = graph.bends[:, None] * np.einsum("eau,ea->eu", jacobian, apart)
+    own = graph.bends[:, None, None] * (np.swapaxes(jacobian, 1, 2) @ jacobian)
     add_blocks(blocks, right, graph.edges, own, gradient)
 
 

@@ -51,6 +51,7 @@ class Settings:
     momentum: float = 0.6  # of the last frame's motion, taken as the first guess
     unexplained: float = 0.08  # depth farther than this from the surface pulls free vertices
     reach: float = 0.35  # of that pull
+    behind: bool = False  # vertices behind others wait for unexplained depth too
     both_ways: bool = True  # depth asks for its nearest on the surface too
 
 
@@ -70,6 +71,15 @@ class Track:
     def doubtful(self) -> bool:
         """Tell whether depth is so far from the surface that another start may do better."""
         return bool(self.residuals.mean() > DOUBTFUL * self.still.mean())
+
+
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """What a camera saw of a subject, frame by frame."""
+
+    views: Sequence[View]
+    intrinsics: Float[np.ndarray, "3 3"]  # pixels_from_camera
+    unit: float  # half the subject's diagonal, metres
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,25 +110,43 @@ def track(
         diagonal: of the subject's box, metres.
         progress: told how many frames of how many are done.
     """
-    unit = diagonal / 2
-    start = views[reference]
+    unit, start = diagonal / 2, views[reference]
     graph = build_graph(start.vertices / unit, start.faces, settings.radius)
     model = Model(start.vertices / unit, start.normals, graph, unit)
-    motions: dict[int, Motion] = {reference: at_rest(graph)}
-    done = 0
+    begin = at_rest(graph)
+    sight = Sight(views, intrinsics, unit)
+    motions = follow(model, begin, sight, reference, settings=settings, progress=progress)
+    return judge(model, motions, views, reference, intrinsics)
+
+
+def follow(
+    model: Model,
+    begin: Motion,
+    sight: Sight,
+    reference: int,
+    *,
+    settings: Settings,
+    progress: Progress = lambda done, count: None,
+) -> list[Motion]:
+    """Fit a model to every frame, forwards and backwards from the one it is known in.
+
+    Args:
+        begin: the motion in that frame.
+    """
+    motions: dict[int, Motion] = {reference: begin}
+    done, views = 0, sight.views
     for order in (range(reference + 1, len(views)), range(reference - 1, -1, -1)):
-        previous = current = motions[reference]
+        previous = current = begin
         for frame in order:
             guess = predict(previous, current, settings.momentum)
             previous, current = (
                 current,
-                fit_frame(model, guess, views[frame], intrinsics, settings, seed=frame),
+                fit_frame(model, guess, views[frame], sight.intrinsics, settings, seed=frame),
             )
             motions[frame] = current
             done += 1
             progress(done, len(views) - 1)
-    ordered = [motions[frame] for frame in range(len(views))]
-    return judge(model, ordered, views, reference, intrinsics)
+    return [motions[frame] for frame in range(len(views))]
 
 
 def choose_reference(
@@ -188,15 +216,19 @@ def fit_frame(
         rows = draw(len(model.vertices), 2 * settings.queries, rng)
         moved = warp(model.graph, motion, model.vertices[rows], rows)
         turned = turn_normals(model.graph, motion, model.normals[rows], rows)
-        seen = is_seen(model.unit * moved, turned, view, intrinsics, slack=0.05 * model.unit)
-        rows, asking = rows[seen], features(moved, turned, settings.normals)[seen]
-        if not len(rows):
+        places = features(moved, turned, settings.normals)
+        facing, shown = are_seen(
+            model.unit * moved, turned, view, intrinsics, slack=0.05 * model.unit
+        )
+        seen, hidden = facing & shown, facing & ~shown & settings.behind
+        if not seen.any():
             return motion
         asked = draw(len(goal), settings.queries, rng)
-        matched = find_matches(model.graph, rows, asking, tree, asked, settings)
+        before, behind = ((rows[part], places[part]) for part in (seen, hidden))
+        matched = find_matches(model.graph, before, tree, asked, settings, hidden=behind)
         weights = matched.weights * (2500 / max(len(matched.weights), 1))
-        places, facing = goal[matched.still], normals[matched.still]
-        wish = Wish(matched.moving, places, facing, weights, settings.share)
+        places, towards = goal[matched.still], normals[matched.still]
+        wish = Wish(matched.moving, places, towards, weights, settings.share)
         motion = gauss_newton(
             model.graph,
             motion,
@@ -219,11 +251,12 @@ class Matches:
 
 def find_matches(
     graph: Graph,
-    rows: Int[np.ndarray, " samples"],
-    asking: Float[np.ndarray, "samples 6"],
+    shown: tuple[Int[np.ndarray, " samples"], Float[np.ndarray, "samples 6"]],
     tree: cKDTree,
     asked: Int[np.ndarray, " asked"],
     settings: Settings,
+    *,
+    hidden: tuple[Int[np.ndarray, " others"], Float[np.ndarray, "others 6"]],
 ) -> Matches:
     """Match a surface with a frame's depth, both ways.
 
@@ -232,11 +265,12 @@ def find_matches(
     vertex explains pulls such free vertices, from afar.
 
     Args:
-        rows: vertices of the surface that should be seen.
-        asking: their places and normals.
+        shown: vertices of the surface that should be seen, with their places and normals.
         tree: places and normals of the depth's points.
         asked: which of these ask for their nearest vertex.
+        hidden: vertices that face the camera behind others; they wait for unexplained depth too.
     """
+    rows, asking = shown
     own = cKDTree(asking)
     few = slice(0, settings.queries)
     forward, nearest = tree.query(asking[few])
@@ -254,10 +288,11 @@ def find_matches(
     distance, answer = own.query(tree.data[asked])
     weights = robust_weights(distance**2, settings.width) * (distance < settings.gate)
     answering, far = rows[answer], distance > settings.unexplained
-    free = np.flatnonzero(~alike)
+    free = np.concatenate([rows[few][~alike], hidden[0]])
     if far.any() and len(free) >= FEWEST_FREE:
-        reach, chosen = cKDTree(asking[free]).query(tree.data[asked[far]])
-        answering[far] = rows[free[chosen]]
+        waiting = np.concatenate([asking[few][~alike], hidden[1]])
+        reach, chosen = cKDTree(waiting).query(tree.data[asked[far]])
+        answering[far] = free[chosen]
         weights[far] = robust_weights(reach**2, settings.reach) * (reach < 2 * settings.reach)
     return Matches(
         np.concatenate([first.moving, answering]),
@@ -271,22 +306,22 @@ def draw(count: int, wanted: int, rng: np.random.Generator) -> Int[np.ndarray, "
     return rng.permutation(count)[:wanted]
 
 
-def is_seen(
+def are_seen(
     points: Points,
     normals: Points,
     view: View,
     intrinsics: Float[np.ndarray, "3 3"],
     *,
     slack: float,
-) -> Bool[np.ndarray, " points"]:
-    """Tell which points face the camera and have nothing of the subject before them."""
+) -> tuple[Bool[np.ndarray, " points"], Bool[np.ndarray, " points"]]:
+    """Tell which points face the camera, and which have nothing of the subject before them."""
     facing = np.einsum("pc,pc->p", points, normals) < 0.0
     pixels = np.rint(project_points(points, intrinsics)).astype(np.int64)
     rows = np.clip(pixels[:, 1], 0, view.depth.shape[0] - 1)
     columns = np.clip(pixels[:, 0], 0, view.depth.shape[1] - 1)
     before = view.depth[rows, columns]
     hidden = (before > 0) & (-points[:, 2] > before + slack)
-    return np.asarray(facing & ~hidden)
+    return np.asarray(facing), np.asarray(~hidden)
 
 
 def judge(
@@ -302,12 +337,12 @@ def judge(
     for motion, view in zip(motions, views, strict=True):
         moved = model.unit * warp(model.graph, motion, model.vertices, slice(None))
         turned = turn_normals(model.graph, motion, model.normals, slice(None))
-        seen = is_seen(moved, turned, view, intrinsics, slack=0.05 * model.unit)
+        facing, shown = are_seen(moved, turned, view, intrinsics, slack=0.05 * model.unit)
         step = max(1, len(view.vertices) // 2000)
         apart = cKDTree(moved).query(view.vertices[::step])[0]
         still.append(float(frozen.query(view.vertices[::step])[0].mean()))
         places.append(moved)
-        visible.append(seen)
+        visible.append(facing & shown)
         residuals.append(float(apart.mean()))
     rotations = np.stack([motion.rotations for motion in motions])
     translations = np.stack([motion.translations for motion in motions])

@@ -5,7 +5,7 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from threadpoolctl import threadpool_limits
 
 from bunraku.bones.decomposition import decompose, fit_weights, joint_paths, neighbourhood
@@ -29,6 +29,7 @@ class Capture:
     views: tuple[View, ...]  # of the frames in which the subject was seen
     times: Float[np.ndarray, " frames"]
     diagonal: float
+    intrinsics: Float[np.ndarray, "3 3"]  # pixels_from_camera
     track: Track
     curves: CurveSkeleton
     bones: Bones
@@ -65,25 +66,40 @@ def capture_performer(video: DepthVideo, *, settings: Settings | None = None) ->
             followed = track(seen.views, reference, *camera, settings=settings, progress=announce)
     eye = -standing_place(followed.places[followed.reference])
     paths, faces = followed.places + eye, seen.views[followed.reference].faces
-    rest = paths[followed.reference]
 
-    watch.begin("skeleton")
-    curves = extract_curves(rest, faces)
+    watch.begin("skeleton and skin")
+    curves = extract_curves(paths[followed.reference], faces)
+    bones, character = rig_surface(curves, paths, faces, followed.reference, seen.times)
+    return Capture(
+        *(seen.views, seen.times, seen.diagonal, video.intrinsics, followed),
+        *(curves, bones, character, eye),
+        *(seen.warnings + track_doubts(followed, bones, seen.diagonal), watch.end()),
+    )
+
+
+def rig_surface(
+    curves: CurveSkeleton,
+    paths: Float[np.ndarray, "frames vertices 3"],
+    faces: Int[np.ndarray, "faces 3"],
+    reference: int,
+    times: Float[np.ndarray, " frames"],
+) -> tuple[Bones, Character]:
+    """Make a rigged character of a moving surface: bones where it bends, skin, one clip.
+
+    Args:
+        curves: of the surface in the reference frame.
+        reference: frame that becomes the rest.
+    """
+    rest = paths[reference]
     bones = make_bones(curves, split_curves(curves, rest, paths), rest)
     bones = merge_bones(bones, rest, paths)
-
-    watch.begin("skin")
     few = np.random.default_rng(0).permutation(len(rest))[:SAMPLES]
     _, rotations, shifts = decompose(rest[few], paths[:, few], bones.owners[few], bones.parents)
     near = neighbourhood(bones.parents)[bones.owners]
     weights = fit_weights(rest, paths, rotations, shifts, near)
     rings = curves.owners == bones.rings[:, None]
     joints = joint_paths(rest, weights, rotations, shifts, rings, bones.joints)
-    character = build_performer(rest, faces, bones, weights, (rotations, joints), seen.times)
-    return Capture(
-        *(seen.views, seen.times, seen.diagonal, followed, curves, bones, character, eye),
-        *(seen.warnings + track_doubts(followed, bones, seen.diagonal), watch.end()),
-    )
+    return bones, build_performer(rest, faces, bones, weights, (rotations, joints), times)
 
 
 def announce_frames() -> Progress:

@@ -20,6 +20,7 @@ from bunraku.retargeting import (
 )
 from bunraku.rotations import invert_rigid
 from bunraku.routes.capturing import Capture, capture_performer
+from bunraku.routes.following import Followed, follow_figure
 from bunraku.routes.timing import Stopwatch
 from bunraku.skinning import keep_influences
 from bunraku.types import Character, MatchError, Mesh, Skin
@@ -33,6 +34,7 @@ class DepthTransfer:
 
     target_proxy: Proxy
     embedding: Embedding
+    followed: Followed  # who moves the figure
     plan: Retarget  # what carries the clip over
     character: Character  # the figure as found, bound, with the captured clip
     confidence: float  # 0 to 1
@@ -60,7 +62,7 @@ def animate_from_depth(
     target = build_proxy(figure.vertices, figure.faces)
 
     watch.begin("embedding")
-    performer, source = capture.character, capture.character.skeleton
+    performer = capture.character
     embedding = embed(performer, capture.bones, target.mesh)
     if embedding.misfit > MOST_MISFIT and not force:
         raise MatchError(
@@ -70,16 +72,26 @@ def animate_from_depth(
 
     watch.begin("skin")
     on_proxy, _ = spread_weights(performer, embedding, target.mesh)
-    weights = keep_influences(lift_weights(target, on_proxy, figure.vertices, figure.faces))
+
+    watch.begin("following the figure")
+    followed = follow_figure(capture, embedding, target.mesh, on_proxy)
+    found = lift_weights(target, followed.weights, figure.vertices, figure.faces)
+    weights = keep_influences(found)
 
     watch.begin("retargeting")
-    heading, turns = embedding.heading, embedding.turns
-    plan = plan_embedded(source, embedding.joints, turns, heading, embedding.scale)
-    bind = turned_frames(source, embedding.joints, heading @ turns)
-    carried = (retarget_clip(clip, plan) for clip in performer.clips)
-    clips = tuple(start_above(clip, embedding.joints[0]) for clip in carried)
+    source, heading, turns = followed.performer.skeleton, embedding.heading, followed.turns
+    plan = plan_embedded(source, followed.joints, turns, heading, embedding.scale)
+    bind = turned_frames(source, followed.joints, heading @ turns)
+    carried = (retarget_clip(clip, plan) for clip in followed.performer.clips)
+    clips = tuple(start_above(clip, followed.joints[0]) for clip in carried)
     skin = Skin(weights, invert_rigid(bind))
     return DepthTransfer(
-        *(target, embedding, plan, Character(figure, skeleton_of(source, bind), skin, clips)),
+        *(
+            target,
+            embedding,
+            followed,
+            plan,
+            Character(figure, skeleton_of(source, bind), skin, clips),
+        ),
         *(embedding.confidence, embedding.doubts, watch.end()),
     )

@@ -73,7 +73,8 @@ def animate(
         film = capture(performance)
         with about(found.path):
             moved = move_by_film(film, found, seed=seed, force=force)
-        return Result(found, film.character, film.path, moved, time.perf_counter() - began, film)
+        mover = moved.followed.performer
+        return Result(found, mover, film.path, moved, time.perf_counter() - began, film)
     performer, name = _as_performer(performance)
     chosen = choose_clips(performer, clips, name)
     transfer = _match(performer, found, chosen, landmarks=landmarks, seed=seed, force=force)

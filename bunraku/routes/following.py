@@ -1,0 +1,101 @@
+"""Follow the figure itself through a depth video, where that explains the video better."""
+
+import logging
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from bunraku.bones.splitting import Bones
+from bunraku.curves import extract_curves
+from bunraku.embedding import Embedding, best_similarity
+from bunraku.registration.tracking import Sight
+from bunraku.registration.whole import depth_errors, follow_whole
+from bunraku.rotations import compose_transforms
+from bunraku.routes.capturing import Capture, announce_frames, rig_surface
+from bunraku.skinning import clip_transforms, forward_kinematics, linear_blend_skinning
+from bunraku.types import Character, Mesh
+
+logger = logging.getLogger(__name__)
+CLEARLY = 0.9  # of the carried figure's error: what is fitted to depth is always a little nearer
+Paths = Float[np.ndarray, "frames vertices 3"]
+
+
+@dataclass(frozen=True, eq=False)
+class Followed:
+    """Who moves the figure, with bones of that mover's own, laid into the figure."""
+
+    performer: Character
+    weights: Float[np.ndarray, "figure_vertices bones"]
+    joints: Float[np.ndarray, "bones 3"]  # in the figure as found
+    turns: Float[np.ndarray, "bones 3 3"]  # reference to figure, before the heading
+    errors: Float[np.ndarray, " frames"]  # of depth against the moving figure, both ways, metres
+    whole: bool  # the figure itself was followed, not the side that was seen
+
+
+def follow_figure(
+    capture: Capture,
+    embedding: Embedding,
+    figure: Mesh,
+    weights: Float[np.ndarray, "figure_vertices bones"],
+) -> Followed:
+    """Choose who moves the figure: the seen side, or the figure followed as a whole.
+
+    The figure takes the performer's shape, once carried by the bones of the seen side and once
+    fitted to every frame anew; the latter is believed if it lies clearly nearer to the depth.
+
+    Args:
+        figure: its closed proxy.
+        weights: of the seen side's bones on it.
+    """
+    performer = capture.character
+    carried = carry_figure(performer, capture.bones, embedding, figure, weights)
+    sight = Sight(capture.views, capture.intrinsics, capture.diagonal / 2)
+    frame = embedding.frame if embedding.frame >= 0 else capture.track.reference
+    surface = carried[frame]
+    curves = extract_curves(surface, figure.faces)
+    centred = replace(curves, nodes=curves.nodes - capture.eye)
+    place = surface - capture.eye, figure.faces, centred
+    paths = follow_whole(*place, sight, frame, progress=announce_frames())
+    ours = depth_errors(paths, figure.faces, sight)
+    theirs = depth_errors(carried - capture.eye, figure.faces, sight)
+    logger.info("depth error %.4f m followed, %.4f m carried", ours.mean(), theirs.mean())
+    if ours.mean() > CLEARLY * theirs.mean():
+        turns = embedding.turns
+        return Followed(performer, weights, embedding.joints, turns, theirs, whole=False)
+    bones, mover = rig_surface(curves, paths + capture.eye, figure.faces, frame, capture.times)
+    joints, turned = lay_bones(mover, bones, figure)
+    return Followed(
+        *(mover, mover.skin.weights, joints, embedding.heading.T @ turned, ours), whole=True
+    )
+
+
+def carry_figure(
+    performer: Character,
+    bones: Bones,
+    embedding: Embedding,
+    figure: Mesh,
+    weights: Float[np.ndarray, "figure_vertices bones"],
+) -> Paths:
+    """Give a figure the performer's shape, and move it with the bones of the seen side."""
+    clip, skeleton = performer.clips[0], performer.skeleton
+    world = forward_kinematics(skeleton.parents, clip_transforms(clip))
+    motion = world @ performer.skin.inverse_bind
+    shapes = np.linalg.inv(compose_transforms(embedding.joints, embedding.linear))
+    home = compose_transforms(bones.joints, np.tile(np.eye(3), (len(bones.joints), 1, 1)))
+    return linear_blend_skinning(figure.vertices, weights, motion @ (home @ shapes))
+
+
+def lay_bones(
+    mover: Character, bones: Bones, figure: Mesh
+) -> tuple[Float[np.ndarray, "bones 3"], Float[np.ndarray, "bones 3 3"]]:
+    """Lay bones of a figure in the performer's shape into the figure as found: joints and turns."""
+    rest, weights = mover.mesh.vertices, mover.skin.weights
+    joints, turns = bones.joints.copy(), np.tile(np.eye(3), (len(bones.joints), 1, 1))
+    for bone, (joint, parent) in enumerate(zip(bones.joints, bones.parents, strict=True)):
+        own = weights[:, bone] + 1e-9
+        near = own if parent < 0 else own * (weights[:, parent] + 1e-9)  # the shared surface
+        turns[bone] = best_similarity(rest, figure.vertices, own).rotation
+        laid = best_similarity(rest, figure.vertices, near)
+        joints[bone] = laid.scale * laid.rotation @ joint + laid.shift
+    return joints, turns
