@@ -95,8 +95,8 @@ def animate_from_rig(
     weights = skin_from_registration(body, registration, target, figure)
     joints = registration.joints  # surer where nothing turned; else the surface knows as much
     if not registration.at_rest:
-        carried = carry_joints(*body.surface, body.joints, body.parents, registration.fitted)
-        joints = (joints + carried) / 2
+        by_surface = carry_joints(*body.surface, body.joints, body.parents, registration.fitted)
+        joints = (joints + by_surface) / 2
 
     watch.begin("rest pose")
     turns, trust = posed_turns(body, registration.pose), turn_trust(body.areas, body.weights)
