@@ -8,6 +8,7 @@ a mutant took, and ends the program itself. Whatever escapes is printed, and kep
 """
 
 import argparse
+import resource
 import shutil
 import tempfile
 from pathlib import Path
@@ -21,6 +22,7 @@ from tests.fuzz.mutants import mutate
 
 MIXED = 0.3  # share of mutations that are atheris's own, which know no structure
 LONGEST = 100_000  # bytes of a mutant
+MEMORY = 2 << 30  # bytes that the search may hold; a reader that wants more fails
 
 
 def search(kind: str, *, seconds: float, seed: int) -> None:
@@ -47,6 +49,7 @@ def search(kind: str, *, seconds: float, seed: int) -> None:
         return mutate(content, rng)[:longest]
 
     options = [f"-max_total_time={int(seconds)}", f"-seed={seed + 1}", f"-max_len={LONGEST}"]
+    options += ["-rss_limit_mb=0"]  # the peak of the process that started this one counts in it
     options += [f"-artifact_prefix={folder}/", "-verbosity=0", "-print_final_stats=1", str(seeds)]
     atheris.Setup(["fuzz", *options], read_one, custom_mutator=mutate_one)
     try:
@@ -63,6 +66,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     run.be_quiet()
+    resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, MEMORY))
     search(options.kind, seconds=options.seconds, seed=options.seed)
 
 
