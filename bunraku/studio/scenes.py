@@ -122,7 +122,7 @@ class Actor:
     def show_points(
         self, clip: Clip, share: float, colours: Float[np.ndarray, "vertices 3"] | None
     ) -> None:
-        """Lay coloured points onto the vertices; None ends that.
+        """Show coloured points at the vertices instead of the surface; None ends that.
 
         One node with a colour a point: as surfaces of one colour each, seventeen times as many
         bones would be sent for each pose, which the page does not bear (docs/log.md).
@@ -130,13 +130,15 @@ class Actor:
         if self.cloud is not None:
             self.cloud.remove()
         self.cloud = None
+        for surface, _ in self.surfaces:
+            surface.visible = colours is None
         if colours is not None:
             size = float(np.ptp(self.character.mesh.vertices[:, 1]))
             self.cloud = self.scene.add_point_cloud(
                 f"{self.name}/points",
                 self._posed(self.world(clip, share)).astype(np.float32),
                 colours.astype(np.uint8),
-                point_size=size / 120,
+                point_size=size / 60,
                 point_shape="circle",
                 position=self.place,
             )

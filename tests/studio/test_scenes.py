@@ -78,6 +78,7 @@ def test_skeleton_and_points_come_and_go(creature, halves):
     colours = np.tile([1.0, 2.0, 3.0], (len(creature.mesh.vertices), 1))
     actor.show_points(clip, 0.0, colours)
     cloud = scene.nodes["/a/points"]
+    assert not any(scene.nodes[name].visible for name in surfaces)
     assert cloud.colors.dtype == np.uint8
     assert np.array_equal(cloud.colors, colours)
     before = scene.nodes["/a/skeleton"].points, cloud.points
@@ -87,5 +88,6 @@ def test_skeleton_and_points_come_and_go(creature, halves):
     actor.show_skeleton(clip, 0.0, wanted=False)
     actor.show_points(clip, 0.0, None)
     assert set(scene.nodes) == surfaces
+    assert all(node.visible for node in scene.nodes.values())
     actor.leave()
     assert not scene.nodes
