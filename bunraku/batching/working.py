@@ -24,6 +24,7 @@ from PIL import Image
 from bunraku.batching.records import Message, Record, Request, State, write_record
 from bunraku.evaluate.pictures import CLAY, arrange
 from bunraku.formats.files import write_atomically
+from bunraku.routes.from_rig import RigTransfer
 from bunraku.types import FormatError, MatchError
 from bunraku.verbs.animating import animate
 from bunraku.verbs.engines import prepare_for
@@ -68,7 +69,7 @@ def _produce(request: Request, folder: Path) -> tuple[dict[str, int], dict[str, 
     write(folder / f"{name}.glb", result, vrm=job.vrm, engine=job.engine)
     files = [folder / f"{name}.glb", folder / f"{name}.png"]
     write_atomically(files[1], draw_result(result, files[0]))
-    if request.keep_map:
+    if request.keep_map and isinstance(result.transfer, RigTransfer):  # no other has a map
         files.append(folder / f"{name}.npy")
         content = io.BytesIO()
         np.save(content, np.stack([result.character.mesh.vertices, result.counterparts]))

@@ -24,10 +24,10 @@ class Cast:
 
     figure: Character
     performer: Character
-    counterparts: Float[np.ndarray, "vertices 3"]  # where on the performer at rest each vertex is
+    counterparts: Float[np.ndarray, "vertices 3"] | None  # on the performer at rest; None: no map
 
     def paint(self, paint: str, joint: str) -> tuple[Colours, Colours] | tuple[None, None]:
-        """Colour the vertices of both; as found, neither.
+        """Colour the vertices of both; as found, and without a map to show, neither.
 
         Args:
             paint: one of PAINTS.
@@ -36,6 +36,8 @@ class Cast:
         if paint == AS_FOUND:
             return None, None
         if paint == BY_MAP:
+            if self.counterparts is None:
+                return None, None
             rest = self.performer.mesh.vertices
             return colour_places(self.counterparts, rest), colour_places(rest, rest)
         if paint == BY_JOINT:

@@ -193,8 +193,8 @@ class Visit:
         )
         height = max(float(np.ptp(who.mesh.vertices[:, 1])) for who in (moved, performer))
         scene, aside = self.client.scene, max(width, 0.5)
-        stored = np.load(self.folder / RESULTS / f"{record.name}.npy", allow_pickle=False)
-        places = find_counterparts(moved, stored)
+        kept = self.folder / RESULTS / f"{record.name}.npy"
+        places = find_counterparts(moved, np.load(kept)) if kept.exists() else None
         colours = self._colours(record, moved)
         with self.stage:
             for actor in self.actors:
@@ -211,6 +211,7 @@ class Visit:
         self.colours.value = AS_FOUND
         for control in (self.clip, self.colours, self.weights, *self.downloads):
             control.disabled = False
+        self._draw_bones()
         self.progress.value = 100.0
         line = f"**Confidence {record.confidence:.2f}** after {record.seconds:.1f} s."
         self._say("\n\n".join([line, describe(record.confidence), *record.warnings]))

@@ -72,6 +72,7 @@ def test_weights_are_shown_on_both(cast, creature):
 
 def test_as_found_nothing_is_painted(cast):
     assert cast.paint(AS_FOUND, "") == (None, None)
+    assert replace(cast, counterparts=None).paint(BY_MAP, "") == (None, None)
 
 
 def test_a_job_keeps_its_map_on_request_only(creature, tmp_path):
