@@ -46,6 +46,11 @@ def test_intrinsic_extrinsic_transfer_beats_functions():
     assert errors["function"] == pytest.approx(0.2, abs=0.2)
 
 
+def test_the_map_puts_the_head_on_top(capsys):
+    assert 0.88 < run("06_see_the_map") < 0.96
+    assert "leftFoot" in capsys.readouterr().out
+
+
 def test_examples_are_short_and_none_is_forgotten():
     tested = Path(__file__).read_text()
     for path in EXAMPLES.glob("*.py"):

@@ -51,16 +51,23 @@ def run_apart(
     record = find_record(folder, name)
     if record is None:
         request = Request(job, name, str(folder), memory)
-        record = _supervise(request, seconds, lambda stage: watch(job, stage), crew or Crew())
+        record = supervise(request, seconds, lambda stage: watch(job, stage), crew or Crew())
     record = msgspec.structs.replace(record, job=job)  # of equal files, the one that was named
     watch(job, record)
     return record
 
 
-def _supervise(
+def supervise(
     request: Request, seconds: float, announce: Callable[[str], None], crew: "Crew"
 ) -> Record:
-    """Start the process, listen to it, and write the record that it could not write itself."""
+    """Start the process, listen to it, and write the record that it could not write itself.
+
+    Args:
+        request: what to do.
+        seconds: that it may take, its start included.
+        announce: is told every stage as it begins.
+        crew: which can end the process.
+    """
     command = [sys.executable, "-P", "-m", "bunraku.batching.working"]
     late = threading.Event()
     record = None

@@ -21,10 +21,10 @@ import msgspec
 import numpy as np
 from PIL import Image
 
-from bunraku.batching.jobs import Job
 from bunraku.batching.records import Message, Record, Request, State, write_record
 from bunraku.evaluate.pictures import CLAY, arrange
 from bunraku.formats.files import write_atomically
+from bunraku.routes.from_rig import RigTransfer
 from bunraku.types import FormatError, MatchError
 from bunraku.verbs.animating import animate
 from bunraku.verbs.engines import prepare_for
@@ -40,7 +40,7 @@ def work(request: Request) -> Record:
     """Do a job, write its results and, last of all, its record."""
     began, folder = time.perf_counter(), Path(request.folder)
     try:
-        files, report = _produce(request.job, folder, request.name)
+        files, report = _produce(request, folder)
         ended: dict[str, Any] = {"state": "done", "files": files, "report": report}
     except Exception as error:
         ended = _explain(error, request)
@@ -50,8 +50,9 @@ def work(request: Request) -> Record:
     return record
 
 
-def _produce(job: Job, folder: Path, name: str) -> tuple[dict[str, int], dict[str, msgspec.Raw]]:
+def _produce(request: Request, folder: Path) -> tuple[dict[str, int], dict[str, msgspec.Raw]]:
     """Animate a figure; write the GLB and a picture; give their sizes, and the report."""
+    job, name = request.job, request.name
     result = animate(
         job.figure,
         job.performance,
@@ -68,6 +69,11 @@ def _produce(job: Job, folder: Path, name: str) -> tuple[dict[str, int], dict[st
     write(folder / f"{name}.glb", result, vrm=job.vrm, engine=job.engine)
     files = [folder / f"{name}.glb", folder / f"{name}.png"]
     write_atomically(files[1], draw_result(result, files[0]))
+    if request.keep_map and isinstance(result.transfer, RigTransfer):  # no other has a map
+        files.append(folder / f"{name}.npy")
+        content = io.BytesIO()
+        np.save(content, np.stack([result.character.mesh.vertices, result.counterparts]))
+        write_atomically(files[-1], content.getvalue())
     if job.bvh:
         files += write_motions(folder / f"{name}.bvh", prepare_for(result.character, job.engine))
     return {file.name: file.stat().st_size for file in files}, report

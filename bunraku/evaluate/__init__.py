@@ -1,0 +1,1 @@
+"""Measure: tables, baselines, reports, pictures, and a depth camera that errs as real ones do."""

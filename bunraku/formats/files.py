@@ -38,7 +38,7 @@ def read_bytes(path: Location, *, limit: int = limits.BYTES) -> bytes:
                     f"has {status.st_size} bytes, more than the {limit} allowed",
                     code=Code.LIMIT_BYTES,
                 )
-            content = stream.read(limit + 1)
+            content = stream.read(status.st_size + 1)  # the limit itself would be asked for
     except (OSError, ValueError) as error:
         if isinstance(error, FormatError):
             raise
@@ -47,9 +47,12 @@ def read_bytes(path: Location, *, limit: int = limits.BYTES) -> bytes:
         raise FormatError(
             path, "", "is empty (0 bytes); export or download it again", code=Code.FILE_EMPTY
         )
-    if len(content) > limit:
+    if len(content) > status.st_size:
         raise FormatError(
-            path, "", f"grew past {limit} bytes while it was read", code=Code.LIMIT_BYTES
+            path,
+            "",
+            "grew while it was read; try again when it is whole",
+            code=Code.FILE_UNREADABLE,
         )
     return content
 

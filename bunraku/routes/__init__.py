@@ -1,0 +1,1 @@
+"""From a performance and a figure to a moving character: a function of named stages each."""

@@ -1,4 +1,4 @@
-"""A character on a visitor's stage: surface, skeleton, and the weights of a joint."""
+"""A character on a visitor's stage: surface, skeleton, and points in colours of their own."""
 
 from typing import Any
 
@@ -12,7 +12,6 @@ from bunraku.types import NO_PARENT, Character, Clip
 MOST_COLOURS = 10  # surfaces that a character is cut into, one a colour
 LEVELS = 32  # of red, green and blue, that count as one colour
 BONE = (250, 180, 40)
-COLD, WARM = np.array([40.0, 70.0, 200.0]), np.array([230.0, 60.0, 30.0])
 
 
 def split_by_colour(
@@ -120,19 +119,27 @@ class Actor:
                 f"{self.name}/skeleton", points, BONE, line_width=4.0, position=self.place
             )
 
-    def show_weights(self, clip: Clip, share: float, *, joint: str) -> None:
-        """Colour the vertices by how much a joint moves them; an unknown joint ends that."""
+    def show_points(
+        self, clip: Clip, share: float, colours: Float[np.ndarray, "vertices 3"] | None
+    ) -> None:
+        """Show coloured points at the vertices instead of the surface; None ends that.
+
+        One node with a colour a point: as surfaces of one colour each, seventeen times as many
+        bones would be sent for each pose, which the page does not bear (docs/log.md).
+        """
         if self.cloud is not None:
             self.cloud.remove()
-        self.cloud, names = None, self.character.skeleton.names
-        if joint in names:
-            weights = self.character.skin.weights[:, names.index(joint)][:, None]
+        self.cloud = None
+        for surface, _ in self.surfaces:
+            surface.visible = colours is None
+        if colours is not None:
             size = float(np.ptp(self.character.mesh.vertices[:, 1]))
             self.cloud = self.scene.add_point_cloud(
-                f"{self.name}/weights",
+                f"{self.name}/points",
                 self._posed(self.world(clip, share)).astype(np.float32),
-                ((1 - weights) * COLD + weights * WARM).astype(np.uint8),
-                point_size=size / 150,
+                colours.astype(np.uint8),
+                point_size=size / 60,
+                point_shape="circle",
                 position=self.place,
             )
 

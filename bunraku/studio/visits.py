@@ -12,11 +12,19 @@ import msgspec
 import numpy as np
 
 from bunraku import builtin
-from bunraku.batching.jobs import Job
-from bunraku.batching.records import Record
-from bunraku.batching.running import Crew, run_apart
+from bunraku.batching.jobs import Job, name_result
+from bunraku.batching.records import Record, Request, find_record
+from bunraku.batching.running import MEMORY, SECONDS, Crew, supervise
 from bunraku.evaluate.pictures import CLAY
 from bunraku.formats import read_character
+from bunraku.studio.casting import (
+    AS_FOUND,
+    BY_WEIGHT,
+    PAINTS,
+    Cast,
+    describe,
+    find_counterparts,
+)
 from bunraku.studio.scenes import Actor
 from bunraku.types import Character, FormatError
 from bunraku.verbs.performing import BUILT_IN, read_performer
@@ -56,6 +64,7 @@ class Visit:
         self.stage = threading.Lock()  # who may change what is shown
         self.crew, self.gone, self.busy = Crew(), threading.Event(), threading.Lock()
         self.actors: list[Actor] = []
+        self.cast: Cast | None = None
         self.record: Record | None = None
         self.poses = 0  # sent so far
         self._add_inputs()
@@ -103,9 +112,11 @@ class Visit:
         self.moment = gui.add_slider("Moment", 0.0, 1.0, 0.001, 0.0)
         self.speed = gui.add_slider("Speed", 0.1, 2.0, 0.1, 1.0)
         self.skeleton = gui.add_checkbox("Skeleton", False)
+        self.colours = gui.add_dropdown("Colours", list(PAINTS), disabled=True)
         self.weights = gui.add_dropdown("Weights of", [NOTHING], disabled=True)
-        self.skeleton.on_update(lambda _: self._decorate())
-        self.weights.on_update(lambda _: self._decorate())
+        self.skeleton.on_update(lambda _: self._draw_bones())
+        self.colours.on_update(lambda _: self._paint())
+        self.weights.on_update(lambda _: self._choose_joint())
         self.downloads = [
             gui.add_button(f"Download {what}", disabled=True) for what in ("GLB", "report")
         ]
@@ -160,15 +171,18 @@ class Visit:
         try:
             path = self.performances[performance]
             job = Job(figure=str(figure), performance=None if path is None else str(path))
-            return run_apart(job, self.folder / RESULTS, watch=self._tell, crew=self.crew)
+            folder, name = self.folder / RESULTS, name_result(job)
+            request = Request(job, name, str(folder), MEMORY, keep_map=True)
+            done = find_record(folder, name) or supervise(request, SECONDS, self._tell, self.crew)
+            return msgspec.structs.replace(done, job=job)  # of equal files, the one chosen
         finally:
             self.places.release()
 
-    def _tell(self, job: Job, news: str | Record) -> None:
+    def _tell(self, stage: str) -> None:
         """Move the progress bar."""
-        if isinstance(news, str) and news in STAGES:
-            self.progress.value = 100.0 * (STAGES.index(news) + 0.5) / len(STAGES)
-            self._say(f"{news} ...")
+        if stage in STAGES:
+            self.progress.value = 100.0 * (STAGES.index(stage) + 0.5) / len(STAGES)
+            self._say(f"{stage} ...")
 
     def _show(self, record: Record) -> None:
         """Put the moving figure beside its performer."""
@@ -179,6 +193,8 @@ class Visit:
         )
         height = max(float(np.ptp(who.mesh.vertices[:, 1])) for who in (moved, performer))
         scene, aside = self.client.scene, max(width, 0.5)
+        kept = self.folder / RESULTS / f"{record.name}.npy"
+        places = find_counterparts(moved, np.load(kept)) if kept.exists() else None
         colours = self._colours(record, moved)
         with self.stage:
             for actor in self.actors:
@@ -187,15 +203,18 @@ class Visit:
                 Actor(scene, "/figure", moved, colours),
                 Actor(scene, "/performer", performer, clay(performer), aside=aside),
             ]
+            self.cast = Cast(moved, performer, places)
         self._look_at(0.5 * aside, height)
         self.record = record
         self.clip.options = tuple(clip.name for clip in moved.clips)
         self.weights.options = (NOTHING, *moved.skeleton.names)
-        for control in (self.clip, self.weights, *self.downloads):
+        self.colours.value = AS_FOUND
+        for control in (self.clip, self.colours, self.weights, *self.downloads):
             control.disabled = False
+        self._draw_bones()
         self.progress.value = 100.0
-        lines = [f"**Confidence {record.confidence:.2f}** after {record.seconds:.1f} s."]
-        self._say("\n\n".join([*lines, *record.warnings]))
+        line = f"**Confidence {record.confidence:.2f}** after {record.seconds:.1f} s."
+        self._say("\n\n".join([line, describe(record.confidence), *record.warnings]))
 
     def _colours(self, record: Record, character: Character) -> np.ndarray:
         try:
@@ -203,13 +222,27 @@ class Visit:
         except Exception:  # materials are read by a library; clay will do
             return clay(character)
 
-    def _decorate(self) -> None:
-        """Draw what was asked for besides the surface."""
+    def _draw_bones(self) -> None:
+        """Show the skeletons, or no longer."""
         with self.stage:
-            if self.actors and (clip := self._find_clip(self.actors[0])):
-                share = self.moment.value
-                self.actors[0].show_skeleton(clip, share, wanted=self.skeleton.value)
-                self.actors[0].show_weights(clip, share, joint=self.weights.value)
+            for actor in self.actors:
+                if clip := self._find_clip(actor):
+                    actor.show_skeleton(clip, self.moment.value, wanted=self.skeleton.value)
+
+    def _choose_joint(self) -> None:
+        """Show the weights of a joint, or the figure as found."""
+        self.colours.value = AS_FOUND if self.weights.value == NOTHING else BY_WEIGHT
+        self._paint()
+
+    def _paint(self) -> None:
+        """Show both in the chosen colours."""
+        with self.stage:
+            if self.cast is None:
+                return
+            painted = self.cast.paint(self.colours.value, self.weights.value)
+            for actor, colours in zip(self.actors, painted, strict=True):
+                if clip := self._find_clip(actor):
+                    actor.show_points(clip, self.moment.value, colours)
 
     def _find_clip(self, actor: Actor) -> Any:
         clips = {clip.name: clip for clip in actor.character.clips}

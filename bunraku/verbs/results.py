@@ -3,12 +3,17 @@
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
+from jaxtyping import Float
+
 from bunraku.evaluate.report import report_depth_transfer, report_transfer
+from bunraku.proxy import lift
 from bunraku.routes.from_depth import DepthTransfer
 from bunraku.routes.from_rig import RigTransfer
 from bunraku.skinning import linear_blend_skinning
 from bunraku.types import Character, Figure, Mesh
 from bunraku.verbs.filming import Film
+from bunraku.weights import transfer_to_surface
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +61,24 @@ class Result:
         mesh, skin = self.character.mesh, self.character.skin
         vertices = linear_blend_skinning(mesh.vertices, skin.weights, self.transfer.repose_motion)
         return Mesh(vertices, mesh.faces)
+
+    @cached_property
+    def counterparts(self) -> Float[np.ndarray, "vertices 3"]:
+        """Where on the performer's surface at rest each vertex of the figure lies: the map.
+
+        In the performer's own metres; read off the registered performer as the skin is.
+
+        Raises:
+            ValueError: if the performer was filmed: its surface is never laid onto the figure.
+        """
+        stages = self.transfer
+        if not isinstance(stages, RigTransfer):
+            raise ValueError("a filmed performer is not mapped; give a rigged character")
+        performer, fitted = stages.source_proxy.mesh, stages.registration.fitted
+        carried = transfer_to_surface(
+            performer.vertices, fitted, performer.faces, stages.target_proxy.mesh.vertices
+        )
+        return lift(stages.target_proxy, carried)
 
     @cached_property
     def report(self) -> dict[str, object]:

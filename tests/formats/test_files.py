@@ -1,5 +1,7 @@
 import os
 import signal
+import subprocess
+import sys
 import time
 
 import pytest
@@ -15,6 +17,29 @@ def test_what_is_written_is_read(tmp_path):
     write_atomically(tmp_path / "a.bin", b"abc")
     assert read_bytes(tmp_path / "a.bin") == b"abc"
     assert os.listdir(tmp_path) == ["a.bin"]
+
+
+def test_a_small_file_is_read_with_little_memory(tmp_path):
+    """As in a job of a batch, whose memory is limited."""
+    (tmp_path / "a.bin").write_bytes(b"abc")
+    code = "import resource; from bunraku.formats.files import read_bytes; "
+    code += "resource.setrlimit(resource.RLIMIT_DATA, (1 << 29, 1 << 29)); "
+    code += f"print(read_bytes({str(tmp_path / 'a.bin')!r}))"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert run.stdout == "b'abc'\n", run.stderr
+
+
+def test_a_file_that_grows_is_not_read(tmp_path, monkeypatch):
+    (tmp_path / "a.bin").write_bytes(b"abc")
+
+    def before(handle):
+        seen = os.stat(handle)
+        (tmp_path / "a.bin").write_bytes(b"abcdef")
+        return seen
+
+    monkeypatch.setattr(files.os, "fstat", before)
+    with pytest.raises(FormatError, match="grew while it was read"):
+        read_bytes(tmp_path / "a.bin")
 
 
 def test_a_new_file_has_the_mode_that_open_gives(tmp_path):

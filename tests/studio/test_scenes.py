@@ -7,7 +7,7 @@ import pytest
 
 from bunraku.rotations import compose_transforms, quaternions_to_matrices
 from bunraku.skinning import linear_blend_skinning, play_clip
-from bunraku.studio.scenes import COLD, WARM, Actor, split_by_colour
+from bunraku.studio.scenes import Actor, split_by_colour
 
 
 class Scene:
@@ -70,22 +70,24 @@ def test_the_viewers_skinning_gives_our_vertices(creature, halves):
         assert distance.max() < 1e-9
 
 
-def test_skeleton_and_weights_come_and_go(creature, halves):
+def test_skeleton_and_points_come_and_go(creature, halves):
     scene, clip = Scene(), creature.clips[0]
     actor = Actor(scene, "/a", creature, halves)
     surfaces = set(scene.nodes)
-    joint = creature.skeleton.names[-1]
     actor.show_skeleton(clip, 0.0, wanted=True)
-    actor.show_weights(clip, 0.0, joint=joint)
-    cloud = scene.nodes["/a/weights"]
-    most = creature.skin.weights[:, -1].argmax()
-    assert np.abs(cloud.colors[most] - WARM).max() < np.abs(cloud.colors[most] - COLD).max()
+    colours = np.tile([1.0, 2.0, 3.0], (len(creature.mesh.vertices), 1))
+    actor.show_points(clip, 0.0, colours)
+    cloud = scene.nodes["/a/points"]
+    assert not any(scene.nodes[name].visible for name in surfaces)
+    assert cloud.colors.dtype == np.uint8
+    assert np.array_equal(cloud.colors, colours)
     before = scene.nodes["/a/skeleton"].points, cloud.points
     actor.pose(clip, 0.5)
     assert np.abs(scene.nodes["/a/skeleton"].points - before[0]).max() > 0.01
     assert np.abs(cloud.points - before[1]).max() > 0.01
     actor.show_skeleton(clip, 0.0, wanted=False)
-    actor.show_weights(clip, 0.0, joint="nothing")
+    actor.show_points(clip, 0.0, None)
     assert set(scene.nodes) == surfaces
+    assert all(node.visible for node in scene.nodes.values())
     actor.leave()
     assert not scene.nodes

@@ -11,6 +11,7 @@ import pytest
 from PIL import Image
 
 import bunraku
+from bunraku.studio.casting import BY_MAP
 from bunraku.types import Mesh
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
@@ -108,6 +109,11 @@ def test_upload_animate_scrub_and_download(studio, browser, folder):
     moved = np.abs(pictures[0.25] - pictures[0.0]).max(axis=2) > 30
     assert 0.01 < appeared.mean() < 0.6
     assert 1e-4 < moved.mean() < 0.2
+
+    visit.colours.value = BY_MAP
+    time.sleep(3.0)
+    painted = np.abs(look(page) - pictures[0.25]).max(axis=2) > 30
+    assert 1e-3 < painted.mean() < 0.2
 
     with page.expect_download() as download:
         page.get_by_role("button", name="Download GLB").click()
