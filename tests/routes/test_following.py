@@ -8,7 +8,12 @@ from bunraku.evaluate.metrics import reconstruction_error
 from bunraku.evaluate.report import report_depth_transfer
 from bunraku.proxy import build_proxy
 from bunraku.routes import following
-from bunraku.routes.following import carry_figure, follow_figure, lay_bones
+from bunraku.routes.following import (
+    carry_figure,
+    follow_figure,
+    is_clearly_nearer,
+    lay_bones,
+)
 from bunraku.routes.from_depth import animate_from_depth
 from bunraku.skinning import play_clip
 from bunraku.types import Mesh
@@ -50,6 +55,16 @@ def test_a_broken_skin_makes_the_figure_itself_be_followed(capture, film, figure
     assert ((followed.joints > low - 0.1) & (followed.joints < high + 0.1)).all()
 
 
+def test_a_figure_is_followed_only_where_its_worst_frames_are_nearer_too():
+    started = np.linspace(0.02, 0.03, 20)  # as near at the end as at the start, nearly
+    lost = np.linspace(0.02, 0.09, 20)
+    assert is_clearly_nearer(started, lost, 0)
+    assert not is_clearly_nearer(lost, started, 0)
+    assert not is_clearly_nearer(started, started, 0)
+    # another build: carried it lies far from the depth, but no farther at the end
+    assert not is_clearly_nearer(lost, started + 0.1, 0)
+
+
 def test_bones_are_laid_where_their_surface_is(capture, figure, film):
     """A turned, larger copy of the performer itself: every joint lies in the same place on it."""
     performer, bones = capture.character, capture.bones
@@ -63,9 +78,9 @@ def test_bones_are_laid_where_their_surface_is(capture, figure, film):
 
 def test_the_report_tells_that_the_figure_itself_was_followed(capture, film, monkeypatch):
     figure = Mesh(film.places[0], film.faces)
-    errors = iter([0.0, 1.0])  # of the figure followed, and of the figure carried
     count = len(capture.times)
-    monkeypatch.setattr(following, "depth_errors", lambda *_: np.full(count, next(errors)))
+    monkeypatch.setattr(following, "depth_errors", lambda *_: np.zeros(count))
+    monkeypatch.setattr(following, "is_clearly_nearer", lambda *_: True)
     moved = animate_from_depth(capture, figure)
     told = report_depth_transfer("figure.ply", "film", capture, moved, total_seconds=1.0)
     assert moved.followed.whole and told["followed"] == "figure"
