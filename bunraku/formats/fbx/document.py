@@ -8,13 +8,18 @@ from jaxtyping import Float, Float32
 from bunraku import limits
 from bunraku.errors import NOTE, Code, announce
 from bunraku.formats.fbx.clips import Motion, read_motions
-from bunraku.formats.fbx.geometry import Binding, Surface, read_binding, read_surface
+from bunraku.formats.fbx.geometry import (
+    Binding,
+    Surface,
+    check_bindings,
+    read_binding,
+    read_surface,
+)
 from bunraku.formats.fbx.placement import Parts, node_from_geometry, parent_of, place_still
 from bunraku.formats.fbx.records import read_records
 from bunraku.formats.fbx.scene import Scene, Thing, build_scene, metres_per_unit, world_from_file
 from bunraku.formats.files import Location
 from bunraku.formats.gltf.draft import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, Draft
-from bunraku.formats.pieces import linear_from_srgb
 from bunraku.rotations import matrices_to_quaternions
 from bunraku.types import FormatError
 
@@ -49,6 +54,7 @@ class _Writer:
         self.draft = Draft({"asset": {"version": "2.0", "generator": "bunraku"}}, bytearray())
         self.materials: dict[int, int] = {}
         self.read: dict[int, tuple[Surface | None, Binding | None]] = {}  # geometries, by number
+        self.skins: dict[int, int] = {}  # by the number of the geometry, however many show it
         self.vertices = 0
 
     def write(self) -> bytes:
@@ -62,6 +68,7 @@ class _Writer:
                 children.append(self.place[model.number])
         roots = [self.place[model.number] for model in self.models if self._is_root(model.number)]
         self.draft.json["scene"] = self.draft.append("scenes", {"nodes": roots} if roots else {})
+        check_bindings(self.scene)
         for model in self.models:
             for geometry in self.scene.children(model, "Geometry", "Mesh"):
                 self._add_mesh(model, geometry)
@@ -99,8 +106,7 @@ class _Writer:
         """Add a geometry as the mesh of a model's node; of a second one, of a node below."""
         if geometry.number not in self.read:
             surface = read_surface(self.scene, geometry)
-            points = 0 if surface is None else len(surface.points)
-            binding = read_binding(self.scene, geometry, points) if points else None
+            binding = None if surface is None else read_binding(self.scene, geometry, surface)
             self.read[geometry.number] = surface, binding
         surface, binding = self.read[geometry.number]
         if surface is None:
@@ -109,7 +115,7 @@ class _Writer:
         if self.vertices > limits.VERTICES:
             message = f"more than {limits.VERTICES} vertices; decimate it first"
             raise FormatError(self.scene.path, "", message, code=Code.LIMIT_VERTICES)
-        placed = node_from_geometry(model)
+        placed = node_from_geometry(self.scene, model)
         points = (surface.points @ placed[:3, :3].T + placed[:3, 3]) * self.unit
         normals = None
         if surface.normals is not None and abs(np.linalg.det(placed[:3, :3])) > 1e-12:
@@ -123,7 +129,9 @@ class _Writer:
             node = self.draft.json["nodes"][below]
         node["mesh"] = mesh
         if binding:
-            node["skin"] = self._add_skin(binding)
+            if geometry.number not in self.skins:
+                self.skins[geometry.number] = self._add_skin(binding)
+            node["skin"] = self.skins[geometry.number]
 
     def _primitives(
         self,
@@ -200,11 +208,11 @@ class _Writer:
         return self.draft.append("skins", {"joints": joints, "inverseBindMatrices": accessor})
 
     def _material(self, thing: Thing) -> int:
-        """Add a material's colour, once."""
+        """Add a material's colour, once; FBX has it linear, as glTF wants it."""
         if thing.number not in self.materials:
             colour = np.clip(np.nan_to_num(thing.vector("DiffuseColor", 0.8)), 0.0, 1.0)
             opacity = float(np.clip(np.nan_to_num(thing.number_of("Opacity", 1.0)), 0.0, 1.0))
-            base = [*linear_from_srgb(colour).tolist(), opacity]
+            base = [*colour.tolist(), opacity]
             surface = {"baseColorFactor": base, "metallicFactor": 0.0, "roughnessFactor": 0.9}
             look: dict[str, Any] = {"name": thing.name, "pbrMetallicRoughness": surface}
             if opacity < 1:
