@@ -70,8 +70,9 @@ class _Writer:
         self.draft.json["scene"] = self.draft.append("scenes", {"nodes": roots} if roots else {})
         check_bindings(self.scene)
         for model in self.models:
+            looks = list(self.scene.children(model, "Material"))
             for geometry in self.scene.children(model, "Geometry", "Mesh"):
-                self._add_mesh(model, geometry)
+                self._add_mesh(model, geometry, looks)
         for motion in read_motions(self.scene):
             self._add_clip(motion)
         self._announce_rest()
@@ -102,7 +103,7 @@ class _Writer:
             "scale": scales[0].tolist(),
         }
 
-    def _add_mesh(self, model: Thing, geometry: Thing) -> None:
+    def _add_mesh(self, model: Thing, geometry: Thing, looks: list[Thing]) -> None:
         """Add a geometry as the mesh of a model's node; of a second one, of a node below."""
         if geometry.number not in self.read:
             surface = read_surface(self.scene, geometry)
@@ -120,7 +121,7 @@ class _Writer:
         normals = None
         if surface.normals is not None and abs(np.linalg.det(placed[:3, :3])) > 1e-12:
             normals = surface.normals @ np.linalg.inv(placed[:3, :3])
-        primitives = self._primitives(model, surface, (points, normals), binding)
+        primitives = self._primitives(looks, surface, (points, normals), binding)
         mesh = self.draft.append("meshes", {"name": model.name, "primitives": primitives})
         node = self.draft.json["nodes"][self.place[model.number]]
         if "mesh" in node:
@@ -135,14 +136,13 @@ class _Writer:
 
     def _primitives(
         self,
-        model: Thing,
+        looks: list[Thing],
         surface: Surface,
         moved: tuple[Float[np.ndarray, "points 3"], Float[np.ndarray, "vertices 3"] | None],
         binding: Binding | None,
     ) -> list[dict[str, Any]]:
         """Add a primitive for each material; vertices and faces come sorted by material."""
         points, normals = moved
-        looks = list(self.scene.children(model, "Material"))
         parts = np.unique(surface.part_of)
         borders = np.searchsorted(surface.part_of, [*parts, parts[-1] + 1])
         face_borders = np.searchsorted(

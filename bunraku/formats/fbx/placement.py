@@ -22,6 +22,8 @@ Parts = tuple[Vectors, Float[np.ndarray, "frames 3 3"], Vectors]
 
 def turn(degrees: Vectors, order: str = "xyz") -> Float[np.ndarray, "frames 3 3"]:
     """Turn about fixed axes, one after the other as `order` says; angles come as x, y, z."""
+    if not degrees.any():  # most nodes, and of them there may be many
+        return np.tile(np.eye(3), (len(degrees), 1, 1))
     columns = ["xyz".index(axis) for axis in order]
     return Rotation.from_euler(order, degrees[:, columns], degrees=True).as_matrix()
 
