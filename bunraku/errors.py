@@ -3,12 +3,14 @@
 import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from enum import Enum
 
 NOTE = (logging.INFO + logging.WARNING) // 2  # level of what is odd, but does no harm
 WARNING = logging.WARNING  # level of what was repaired, or may do harm
 
 logger = logging.getLogger(__name__)
+_collected: ContextVar[list[str] | None] = ContextVar("_collected", default=None)  # of a thread
 
 
 class Code(Enum):
@@ -144,31 +146,19 @@ def announce(
 
 def doubt(message: str) -> None:
     """Log what makes a match doubtful, from where no file is known; whoever calls names it."""
+    collected = _collected.get()
+    if collected is not None and message not in collected:
+        collected.append(message)
     fault = {"code": Code.MATCH_DOUBTFUL, "where": "", "found": message, "about": None}
     logger.warning("%s", message, extra=fault)
 
 
 @contextmanager
 def collecting_doubts() -> Iterator[list[str]]:
-    """Collect what is logged by `doubt`, each message once."""
-    handler, package = _DoubtHandler(WARNING), logging.getLogger("bunraku")
-    package.addHandler(handler)
+    """Collect what this thread tells `doubt`, each message once, logged or not."""
+    messages: list[str] = []
+    token = _collected.set(messages)
     try:
-        yield handler.messages
+        yield messages
     finally:
-        package.removeHandler(handler)
-
-
-class _DoubtHandler(logging.Handler):
-    """Keep the doubts among all records."""
-
-    def __init__(self, level: int) -> None:
-        super().__init__(level)
-        self.messages: list[str] = []
-
-    def emit(self, record: logging.LogRecord) -> None:
-        """Keep a record that `doubt` made, in the thread that waits for it."""
-        fault = record.__dict__
-        is_doubt = fault.get("code") is Code.MATCH_DOUBTFUL and fault["about"] is None
-        if is_doubt and fault["found"] not in self.messages:
-            self.messages.append(fault["found"])
+        _collected.reset(token)

@@ -1,5 +1,7 @@
 import ast
 import logging
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -68,6 +70,24 @@ def test_doubts_are_collected_once_and_named_by_who_prints_them(capsys):
     first, second = capsys.readouterr().err.splitlines()
     assert first == "warning: a.obj: travel is a guess [MATCH_DOUBTFUL]"
     assert second == "warning: a.obj: fits poorly [MATCH_DOUBTFUL]"
+
+
+def test_doubts_are_collected_by_the_thread_that_has_them_and_where_logging_is_quiet():
+    both = threading.Barrier(2)
+
+    def collect(name: str) -> list[str]:
+        with collecting_doubts() as doubts:
+            both.wait(10)
+            doubt(name)
+            both.wait(10)
+        return doubts
+
+    logging.disable()
+    try:
+        with ThreadPoolExecutor(2) as pool:
+            assert list(pool.map(collect, ["left", "right"])) == [["left"], ["right"]]
+    finally:
+        logging.disable(logging.NOTSET)
 
 
 @pytest.mark.parametrize("path", SOURCES, ids=lambda path: path.name)

@@ -2,6 +2,7 @@
 
 import ctypes
 import sys
+from contextlib import suppress
 
 TRIM_THRESHOLD, MMAP_MAX = -1, -4  # parameters of mallopt in glibc's malloc.h
 MOST = 2**31 - 1
@@ -16,7 +17,8 @@ def keep_freed_memory() -> None:
     """
     if not sys.platform.startswith("linux"):
         return
-    library = ctypes.CDLL(None)
-    if hasattr(library, "gnu_get_libc_version"):
-        library.mallopt(MMAP_MAX, 0)
-        library.mallopt(TRIM_THRESHOLD, MOST)
+    with suppress(OSError, AttributeError):  # no C library of its own, or one without mallopt
+        library = ctypes.CDLL(None)
+        if hasattr(library, "gnu_get_libc_version"):
+            library.mallopt(MMAP_MAX, 0)
+            library.mallopt(TRIM_THRESHOLD, MOST)

@@ -14,6 +14,7 @@ PLY_SIZES = {
     **{name: 8 for name in ("int64", "uint64", "double", "float64")},
 }
 _LARGEST_HEADER = 1 << 16
+STL_UNCOUNTED = (0, 0xFFFFFFFF)
 _AGAIN = "export or download it again"
 
 
@@ -107,14 +108,23 @@ def read_ply_elements(path: Location, lines: list[str]) -> list[PlyElement]:
 
 
 def check_stl(path: Location, content: bytes) -> bytes:
-    """Raise a FormatError unless an STL file is text, or has as many triangles as it claims."""
+    """Raise a FormatError unless an STL file is text, or has as many triangles as it claims.
+
+    Returns:
+        the file, with its triangles counted if the header left them open, and without a tail.
+    """
     count = int.from_bytes(content[80:84], "little")
     is_text = re.match(rb"\s*solid\b", content, re.IGNORECASE) and b"\0" not in content[:512]
-    if not is_text and len(content) > 84 + 50 * count and len(content) % 50 == 84 % 50:
+    tail = len(content) - 84 - 50 * count
+    if not is_text and count in STL_UNCOUNTED and len(content) > 84 and len(content) % 50 == 34:
         count = (len(content) - 84) // 50  # those who write as they go leave the count as it was
-        message = f"the header counts fewer triangles than there are; all {count} are read"
+        message = f"the header does not count the triangles; all {count} are read"
         announce(path, message, code=Code.MESH_COUNT, where="header")
         content = content[:80] + count.to_bytes(4, "little") + content[84:]
+    elif not is_text and count and tail > 0:
+        message = f"{tail} bytes follow the {count} triangles of the header; they are left out"
+        announce(path, message, code=Code.MESH_COUNT, where="header")
+        content = content[: 84 + 50 * count]
     if len(content) >= 84 and len(content) == 84 + 50 * count:
         if not count:
             raise FormatError(

@@ -38,7 +38,7 @@ def _library_names(path: Location, words: str) -> list[str]:
         read_beside(path, words, limit=LARGEST_LIBRARY)
     except FormatError:
         names = re.split(r"(?<!\\)\s+", words)  # some escape the spaces within a name
-        return [name.replace("\\ ", " ") for name in names]
+        return [name.replace("\\ ", " ") for name in names if name]
     return [words]
 
 

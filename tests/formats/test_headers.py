@@ -67,7 +67,10 @@ def test_damaged_off_headers_are_refused(content, message):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b"\0" * 80 + b"\xff\xff\xff\xff" + b"\0" * 50, "claims 4294967295 triangles, .* for 1;"),
+        (
+            b"\0" * 80 + b"\xff\xff\xff\xff" + b"\0" * 51,
+            "claims 4294967295 triangles, .* for 1.02;",
+        ),
         (b"\0" * 84, "claims 0 triangles"),
         (b"\0" * 80, "claims 0 triangles, the file has bytes for 0"),
         (ASCII_STL.replace(b"1 0 0", b"1 x 0"), "line 5: wanted vertex x y z, got 'vertex 1 x 0'"),
@@ -79,9 +82,16 @@ def test_damaged_stl_files_are_refused(content, message):
         check_stl("a.stl", content)
 
 
-@pytest.mark.parametrize("count", [0, 1])
-def test_an_stl_that_counts_too_few_triangles_is_read_whole(caplog, count):
+@pytest.mark.parametrize("count", [0, 0xFFFFFFFF])
+def test_an_stl_that_does_not_count_its_triangles_is_read_whole(caplog, count):
     records = b"\0" * 150
     content = check_stl("a.stl", b"\0" * 80 + count.to_bytes(4, "little") + records)
     assert content == b"\0" * 80 + (3).to_bytes(4, "little") + records
-    assert "counts fewer triangles than there are; all 3 are read" in caplog.text
+    assert "does not count the triangles; all 3 are read" in caplog.text
+
+
+@pytest.mark.parametrize("tail", [1, 50, 100])
+def test_what_follows_the_triangles_of_an_stl_is_no_triangle(caplog, tail):
+    whole = b"\0" * 80 + (2).to_bytes(4, "little") + b"\1" * 100
+    assert check_stl("a.stl", whole + b"\2" * tail) == whole
+    assert f"{tail} bytes follow the 2 triangles of the header; they are left out" in caplog.text

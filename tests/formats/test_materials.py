@@ -58,3 +58,9 @@ def test_a_library_with_spaces_in_its_name_and_one_that_is_missing(tmp_path, cap
     with caplog.at_level(logging.WARNING):
         assert read_materials(tmp_path / "a.obj", ["mtllib ../secret.mtl"]) == []
     assert "only a relative path inside its folder is read" in caplog.text
+
+
+def test_a_library_line_without_a_name_is_no_library(tmp_path, caplog):
+    with caplog.at_level(NOTE):
+        assert read_materials(str(tmp_path / "a.obj"), ["mtllib ", "mtllib  "]) == []
+    assert not caplog.records

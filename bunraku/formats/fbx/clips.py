@@ -1,6 +1,6 @@
 """Clips of an FBX file: curves of angles and lengths, turned into keys of whole transforms."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -37,49 +37,88 @@ class Motion:
     moved: dict[int, Parts] = field(default_factory=dict)  # by the node's number
 
 
-def read_motions(scene: Scene) -> list[Motion]:
-    """Read every clip that moves a node.
+def read_motions(scene: Scene) -> Iterator[Motion]:
+    """Read every clip that moves a node, one after the other; all are counted before the first.
 
     Raises:
-        FormatError: if a curve is damaged, or a clip has more frames than are read.
+        FormatError: if a curve is damaged, or clips have more frames than are read.
     """
-    motions, read = [], dict[int, Curve | None]()
+    chosen: list[tuple[Thing, Thing]] = []
+    read, times, total = dict[int, Curve | None](), dict[int, tuple[Ticks, int]](), 0
     for stack in scene.of("AnimationStack"):
-        layers = list(scene.children(stack, "AnimationLayer"))
-        curves = [_gather_curves(scene, layer, read) for layer in layers]
-        told = [found for found in curves if found]
-        if len(told) > 1:
-            message = f"{len(told)} animation layers; only the first is read, bake them into one"
+        layers = [one for one in scene.children(stack, "AnimationLayer") if _moves(scene, one)]
+        if len(layers) > 1:
+            message = f"{len(layers)} animation layers; only the first is read, bake them into one"
             announce(scene.path, message, code=Code.FBX_LEFT_OUT, where=stack.where)
-        if told:
-            motions.append(_bake(scene, stack, told[0]))
-    return motions
+        for layer in layers[:1]:
+            if layer.number not in times:
+                curves = _gather_curves(scene, layer, read)
+                times[layer.number] = _sample_times(scene, stack, curves), len(curves)
+            ticks, nodes = times[layer.number]
+            total += len(ticks) * nodes
+            if len(ticks):
+                chosen.append((stack, layer))
+            if total > limits.JOINT_FRAMES:
+                message = f"frames times nodes of all clips are over {limits.JOINT_FRAMES}"
+                message += "; cut the clips"
+                raise FormatError(scene.path, stack.where, message, code=Code.LIMIT_FRAMES)
+    for stack, layer in chosen:
+        curves = _gather_curves(scene, layer, read)
+        yield _bake(scene, stack, curves, ticks=times[layer.number][0])
 
 
-Gathered = dict[int, dict[tuple[str, int], Curve]]  # by node, property and axis
+Track = Curve | float  # a number that stands still needs no curve
+Gathered = dict[int, dict[tuple[str, int], Track]]  # by node, property and axis
+
+
+def _targets(scene: Scene, group: Thing) -> Iterator[tuple[int, str]]:
+    """Give the nodes that a curve node moves, and by which property."""
+    for number, name in scene.above.get(group.number, ()):
+        if name in PATHS and number in scene.things and scene.things[number].kind == "Model":
+            yield number, name
+
+
+def _moves(scene: Scene, layer: Thing) -> bool:
+    """Say whether a layer has a curve that moves a node."""
+    return any(
+        next(_targets(scene, group), None) and next(scene.children(group, "AnimationCurve"), None)
+        for group in scene.children(layer, "AnimationCurveNode")
+    )
 
 
 def _gather_curves(scene: Scene, layer: Thing, read: dict[int, Curve | None]) -> Gathered:
-    """Find the curves of a layer that move nodes; `read` keeps what was read, by number."""
+    """Find the curves of a layer that move nodes; `read` keeps what was read, by number.
+
+    An axis without a curve stands where its curve node says, or else as the node rests.
+    """
     found: Gathered = {}
     for group in scene.children(layer, "AnimationCurveNode"):
-        targets = [
-            (number, name)
-            for number, name in scene.above.get(group.number, ())
-            if name in PATHS and number in scene.things and scene.things[number].kind == "Model"
-        ]
-        for number, name in scene.below.get(group.number, ()):
-            curve = scene.things.get(number)
-            axis = name[-1:]
-            if curve is None or curve.kind != "AnimationCurve" or axis not in ("X", "Y", "Z"):
-                continue
-            if number not in read:
-                read[number] = _read_curve(scene, curve)
-            told = read[number]
-            if told is not None:
-                for node, path in targets:
-                    found.setdefault(node, {})[path, "XYZ".index(axis)] = told
+        curves = _curves_of(scene, group, read)
+        for node, path in _targets(scene, group):
+            rest = scene.things[node].vector(path, PATHS[path]).tolist()
+            for axis in range(3):
+                still = group.number_of(f"d|{'XYZ'[axis]}", rest[axis])
+                if axis in curves:
+                    found.setdefault(node, {})[path, axis] = curves[axis]
+                elif still != rest[axis]:
+                    found.setdefault(node, {}).setdefault((path, axis), still)
     return found
+
+
+def _curves_of(scene: Scene, group: Thing, read: dict[int, Curve | None]) -> dict[int, Curve]:
+    """Read the curves of a curve node that have keys, by axis."""
+    curves = {}
+    for number, name in scene.below.get(group.number, ()):
+        thing = scene.things.get(number)
+        axis = name[-1:]
+        if thing is None or thing.kind != "AnimationCurve" or axis not in ("X", "Y", "Z"):
+            continue
+        if number not in read:
+            read[number] = _read_curve(scene, thing)
+        curve = read[number]
+        if curve is not None:
+            curves["XYZ".index(axis)] = curve
+    return curves
 
 
 def _read_curve(scene: Scene, thing: Thing) -> Curve | None:
@@ -105,7 +144,8 @@ def _read_curve(scene: Scene, thing: Thing) -> Curve | None:
     flags, slopes = np.zeros(len(ticks), np.int64), np.zeros((len(ticks), 2))
     shaped = arrays["KeyAttrDataFloat"].astype(np.float64)
     fits = len(counts) == len(arrays["KeyAttrFlags"]) and 4 * len(counts) == len(shaped)
-    if fits and (counts > 0).all() and counts.sum() == len(ticks):
+    small = (counts > 0) & (counts <= len(ticks))  # so that their sum cannot wrap around
+    if fits and small.all() and counts.sum() == len(ticks):
         flags = np.repeat(arrays["KeyAttrFlags"].astype(np.int64), counts)
         slopes = np.repeat(np.nan_to_num(shaped.reshape(-1, 4)[:, :2]), counts, axis=0)
     return Curve(ticks, values, flags, slopes)
@@ -130,31 +170,29 @@ def evaluate(curve: Curve, ticks: Ticks) -> Float[np.ndarray, " frames"]:
     return np.where((flags & CONSTANT).astype(bool) & (u < 1), low, values)
 
 
-def _bake(scene: Scene, stack: Thing, curves: Gathered) -> Motion:
-    """Sample all curves of a clip at their keys, and in between where keys are far apart."""
-    ticks = _sample_times(scene, stack, [c for own in curves.values() for c in own.values()])
-    frames = len(ticks)
-    if frames * len(curves) > limits.JOINT_FRAMES:
-        message = f"{frames} frames of {len(curves)} nodes, at most {limits.JOINT_FRAMES} together"
-        raise FormatError(
-            scene.path, stack.where, f"{message}; cut the clip", code=Code.LIMIT_FRAMES
-        )
+def _bake(scene: Scene, stack: Thing, curves: Gathered, *, ticks: Ticks) -> Motion:
+    """Sample all curves of a clip."""
     motion = Motion(stack.name, (ticks - ticks[0]) / TICKS)
     for number, own in curves.items():
         node, columns = scene.things[number], []
         for path, default in PATHS.items():
-            values = np.tile(node.vector(path, default), (frames, 1))
+            values = np.tile(node.vector(path, default), (len(ticks), 1))
             for axis in range(3):
-                if (path, axis) in own:
-                    values[:, axis] = evaluate(own[path, axis], ticks)
+                track = own.get((path, axis))
+                if isinstance(track, Curve):
+                    values[:, axis] = evaluate(track, ticks)
+                elif track is not None:
+                    values[:, axis] = track
             columns.append(values)
         motion.moved[number] = place_node(node, *columns)
     return motion
 
 
-def _sample_times(scene: Scene, stack: Thing, curves: Sequence[Curve]) -> Ticks:
+def _sample_times(scene: Scene, stack: Thing, curves: Gathered) -> Ticks:
     """Choose the times of a clip's frames: every key, and the file's frames in long gaps."""
-    keys = np.unique(np.concatenate([curve.ticks for curve in curves]))
+    tracks = {id(track): track for own in curves.values() for track in own.values()}
+    ticks = [track.ticks for track in tracks.values() if isinstance(track, Curve)]
+    keys = np.unique(np.concatenate([np.zeros(0, np.int64), *ticks]))
     step = round(TICKS / frame_rate(scene))
     gaps = np.diff(keys)
     inner = np.where(2 * gaps > 3 * step, -(-gaps // step) - 1, 0)

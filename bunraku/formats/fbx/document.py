@@ -8,13 +8,18 @@ from jaxtyping import Float, Float32
 from bunraku import limits
 from bunraku.errors import NOTE, Code, announce
 from bunraku.formats.fbx.clips import Motion, read_motions
-from bunraku.formats.fbx.geometry import Binding, Surface, read_binding, read_surface
+from bunraku.formats.fbx.geometry import (
+    Binding,
+    Surface,
+    check_bindings,
+    read_binding,
+    read_surface,
+)
 from bunraku.formats.fbx.placement import Parts, node_from_geometry, parent_of, place_still
 from bunraku.formats.fbx.records import read_records
 from bunraku.formats.fbx.scene import Scene, Thing, build_scene, metres_per_unit, world_from_file
 from bunraku.formats.files import Location
 from bunraku.formats.gltf.draft import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, Draft
-from bunraku.formats.pieces import linear_from_srgb
 from bunraku.rotations import matrices_to_quaternions
 from bunraku.types import FormatError
 
@@ -49,6 +54,7 @@ class _Writer:
         self.draft = Draft({"asset": {"version": "2.0", "generator": "bunraku"}}, bytearray())
         self.materials: dict[int, int] = {}
         self.read: dict[int, tuple[Surface | None, Binding | None]] = {}  # geometries, by number
+        self.skins: dict[int, int] = {}  # by the number of the geometry, however many show it
         self.vertices = 0
 
     def write(self) -> bytes:
@@ -62,9 +68,11 @@ class _Writer:
                 children.append(self.place[model.number])
         roots = [self.place[model.number] for model in self.models if self._is_root(model.number)]
         self.draft.json["scene"] = self.draft.append("scenes", {"nodes": roots} if roots else {})
+        check_bindings(self.scene)
         for model in self.models:
+            looks = list(self.scene.children(model, "Material"))
             for geometry in self.scene.children(model, "Geometry", "Mesh"):
-                self._add_mesh(model, geometry)
+                self._add_mesh(model, geometry, looks)
         for motion in read_motions(self.scene):
             self._add_clip(motion)
         self._announce_rest()
@@ -95,12 +103,11 @@ class _Writer:
             "scale": scales[0].tolist(),
         }
 
-    def _add_mesh(self, model: Thing, geometry: Thing) -> None:
+    def _add_mesh(self, model: Thing, geometry: Thing, looks: list[Thing]) -> None:
         """Add a geometry as the mesh of a model's node; of a second one, of a node below."""
         if geometry.number not in self.read:
             surface = read_surface(self.scene, geometry)
-            points = 0 if surface is None else len(surface.points)
-            binding = read_binding(self.scene, geometry, points) if points else None
+            binding = None if surface is None else read_binding(self.scene, geometry, surface)
             self.read[geometry.number] = surface, binding
         surface, binding = self.read[geometry.number]
         if surface is None:
@@ -109,12 +116,12 @@ class _Writer:
         if self.vertices > limits.VERTICES:
             message = f"more than {limits.VERTICES} vertices; decimate it first"
             raise FormatError(self.scene.path, "", message, code=Code.LIMIT_VERTICES)
-        placed = node_from_geometry(model)
+        placed = node_from_geometry(self.scene, model)
         points = (surface.points @ placed[:3, :3].T + placed[:3, 3]) * self.unit
         normals = None
         if surface.normals is not None and abs(np.linalg.det(placed[:3, :3])) > 1e-12:
             normals = surface.normals @ np.linalg.inv(placed[:3, :3])
-        primitives = self._primitives(model, surface, (points, normals), binding)
+        primitives = self._primitives(looks, surface, (points, normals), binding)
         mesh = self.draft.append("meshes", {"name": model.name, "primitives": primitives})
         node = self.draft.json["nodes"][self.place[model.number]]
         if "mesh" in node:
@@ -123,18 +130,19 @@ class _Writer:
             node = self.draft.json["nodes"][below]
         node["mesh"] = mesh
         if binding:
-            node["skin"] = self._add_skin(binding)
+            if geometry.number not in self.skins:
+                self.skins[geometry.number] = self._add_skin(binding)
+            node["skin"] = self.skins[geometry.number]
 
     def _primitives(
         self,
-        model: Thing,
+        looks: list[Thing],
         surface: Surface,
         moved: tuple[Float[np.ndarray, "points 3"], Float[np.ndarray, "vertices 3"] | None],
         binding: Binding | None,
     ) -> list[dict[str, Any]]:
         """Add a primitive for each material; vertices and faces come sorted by material."""
         points, normals = moved
-        looks = list(self.scene.children(model, "Material"))
         parts = np.unique(surface.part_of)
         borders = np.searchsorted(surface.part_of, [*parts, parts[-1] + 1])
         face_borders = np.searchsorted(
@@ -200,11 +208,11 @@ class _Writer:
         return self.draft.append("skins", {"joints": joints, "inverseBindMatrices": accessor})
 
     def _material(self, thing: Thing) -> int:
-        """Add a material's colour, once."""
+        """Add a material's colour, once; FBX has it linear, as glTF wants it."""
         if thing.number not in self.materials:
             colour = np.clip(np.nan_to_num(thing.vector("DiffuseColor", 0.8)), 0.0, 1.0)
             opacity = float(np.clip(np.nan_to_num(thing.number_of("Opacity", 1.0)), 0.0, 1.0))
-            base = [*linear_from_srgb(colour).tolist(), opacity]
+            base = [*colour.tolist(), opacity]
             surface = {"baseColorFactor": base, "metallicFactor": 0.0, "roughnessFactor": 0.9}
             look: dict[str, Any] = {"name": thing.name, "pbrMetallicRoughness": surface}
             if opacity < 1:

@@ -7,13 +7,14 @@ from jaxtyping import Float, Int
 
 from bunraku import limits
 from bunraku.errors import NOTE, Code, announce
-from bunraku.formats.fbx.records import Record, damaged, unpack
+from bunraku.formats.fbx.records import Packed, Record, damaged, unpack
 from bunraku.formats.fbx.scene import Scene, Thing
 from bunraku.formats.obj import ABSENT, unite_corners
 from bunraku.formats.polygons import triangulate
 from bunraku.types import FormatError
 
 INFLUENCES = 8  # of a vertex: the heaviest ones
+MOST_BONES = 1_000_000  # of all meshes together
 Corners = Int[np.ndarray, " corners"]
 
 
@@ -21,7 +22,9 @@ Corners = Int[np.ndarray, " corners"]
 class Surface:
     """A geometry as triangles; vertices are doubled along seams and borders of materials."""
 
-    points: Float[np.ndarray, "points 3"]  # as in the file, in its own space and units
+    points: Float[np.ndarray, "points 3"]  # those in use, in the file's own space and units
+    used: Int[np.ndarray, " points"]  # their numbers in the file
+    given: int  # how many points the file has
     point_of: Int[np.ndarray, " vertices"]
     part_of: Int[np.ndarray, " vertices"]  # place of the material in the node's list
     faces: Int[np.ndarray, "faces 3"]
@@ -65,7 +68,9 @@ def read_surface(scene: Scene, geometry: Thing) -> Surface | None:
         message = f"has more than {limits.VERTICES} vertices; decimate it"
         raise FormatError(path, geometry.where, message, code=Code.LIMIT_VERTICES)
     corners, starts = _split(scene, geometry, corners, len(points))
-    faces, polygon_of = triangulate(points, corners, starts)
+    faces, polygon_of = _triangulate(scene, geometry, points, corners=corners, starts=starts)
+    if not len(faces):
+        return None
     part_of = _materials(scene, geometry, len(starts) - 1)[polygon_of]
     table = np.full((len(corners), 3), ABSENT)
     table[:, 0] = corners
@@ -78,9 +83,12 @@ def read_surface(scene: Scene, geometry: Thing) -> Surface | None:
             layers[inner], table[:, column] = layer
     order = np.argsort(part_of, kind="stable")
     rows, faces = unite_corners(np.repeat(part_of[order], 3), table[faces[order].reshape(-1)])
+    used, point_of = np.unique(rows[:, 1], return_inverse=True)
     return Surface(
-        points,
-        rows[:, 1],
+        points[used],
+        used,
+        len(points),
+        point_of,
         rows[:, 0],
         faces,
         layers["UV"][rows[:, 2]] if "UV" in layers else None,
@@ -98,7 +106,7 @@ def _numbers(scene: Scene, thing: Thing, record: Record | None) -> np.ndarray:
 def _split(
     scene: Scene, geometry: Thing, corners: Corners, count: int
 ) -> tuple[Corners, Int[np.ndarray, " starts"]]:
-    """Split corners into polygons, whose last ones are written as -1 - index; drop short ones."""
+    """Split corners into polygons, whose last ones are written as -1 - index."""
     last = corners < 0
     corners = np.where(last, -1 - corners, corners)
     if not last[-1]:
@@ -107,12 +115,32 @@ def _split(
         place = int((corners >= count).argmax())
         message = f"corner {place} is vertex {corners[place]} of {count}; export the mesh again"
         raise FormatError(scene.path, geometry.where, message, code=Code.MESH_INDEX)
-    starts = np.concatenate([[0], np.flatnonzero(last) + 1])
-    few = int((np.diff(starts) < 3).sum())
-    if few:
-        message = f"{few} polygons have fewer than three corners; the mesh cannot be read"
-        raise FormatError(scene.path, geometry.where, message, code=Code.MESH_CORNERS)
-    return corners, starts
+    return corners, np.concatenate([[0], np.flatnonzero(last) + 1])
+
+
+def _triangulate(
+    scene: Scene,
+    geometry: Thing,
+    points: Float[np.ndarray, "points 3"],
+    *,
+    corners: Corners,
+    starts: Int[np.ndarray, " starts"],
+) -> tuple[Int[np.ndarray, "faces 3"], Int[np.ndarray, " faces"]]:
+    """Cut polygons into triangles (places of corners); loose edges are left out aloud.
+
+    Returns:
+        triangles as places in `corners`, and the polygon that each one comes from.
+    """
+    counts = np.diff(starts)
+    kept = counts >= 3
+    if kept.all():
+        return triangulate(points, corners, starts)
+    message = f"{int((~kept).sum())} polygons have fewer than three corners; they are left out"
+    announce(scene.path, message, code=Code.MESH_CORNERS, where=geometry.where)
+    places = np.flatnonzero(np.repeat(kept, counts))
+    borders = np.concatenate([[0], np.cumsum(counts[kept])])
+    faces, polygon_of = triangulate(points, corners[places], borders)
+    return places[faces], np.flatnonzero(kept)[polygon_of]
 
 
 def _materials(scene: Scene, geometry: Thing, polygons: int) -> Int[np.ndarray, " polygons"]:
@@ -125,7 +153,7 @@ def _materials(scene: Scene, geometry: Thing, polygons: int) -> Int[np.ndarray, 
             found = np.maximum(given, 0)
         elif len(given) == 1:
             found[:] = max(int(given[0]), 0)
-    return np.minimum(found, sum(1 for _ in scene.of("Material")))  # beyond: none
+    return np.minimum(found, scene.material_count)  # beyond: none
 
 
 def _layer(
@@ -156,39 +184,80 @@ def _layer(
     return np.where(np.abs(rows) < limits.COORDINATE, rows, 0.0), chosen
 
 
-def read_binding(scene: Scene, geometry: Thing, points: int) -> Binding | None:
-    """Read the skin of a geometry; nothing if it has none.
+def check_bindings(scene: Scene) -> None:
+    """Refuse more weights or bones than are read, of all geometries together, before unpacking.
+
+    Raises:
+        FormatError: if there are more; a cluster counts for every geometry that it moves.
+    """
+    weights = bones = 0
+    for geometry in scene.of("Geometry", "Mesh"):
+        clusters = _clusters(scene, geometry)
+        bones += len(clusters)
+        weights += sum(_claim(cluster) for cluster, _ in clusters)
+        if weights > limits.WEIGHTS or bones > MOST_BONES:
+            message = f"more than {limits.WEIGHTS} weights, or {MOST_BONES} bones of meshes"
+            message += "; bind to fewer bones"
+            raise FormatError(scene.path, geometry.where, message, code=Code.LIMIT_TOTAL)
+
+
+def _clusters(scene: Scene, geometry: Thing) -> list[tuple[Thing, Thing]]:
+    """Give the clusters of a geometry, each once, and the bone of each."""
+    found = {
+        cluster.number: (cluster, bone)
+        for skin in scene.children(geometry, "Deformer", "Skin")
+        for cluster in scene.children(skin, "Deformer", "Cluster")
+        for bone in list(scene.children(cluster, "Model"))[:1]
+    }
+    return list(found.values())
+
+
+def _claim(cluster: Thing) -> int:
+    """Give how many weights a cluster says that it has."""
+    arrays = (cluster.record.first(name) for name in ("Indexes", "Weights"))
+    values = [array.values[0] for array in arrays if array and array.values]
+    return max((value.count for value in values if isinstance(value, Packed)), default=0)
+
+
+def read_binding(scene: Scene, geometry: Thing, surface: Surface) -> Binding | None:
+    """Read the skin of a geometry for the points in use; nothing if it has none.
 
     Raises:
         FormatError: if a matrix or list of weights is damaged.
     """
-    clusters = [
-        (cluster, bone)
-        for skin in scene.children(geometry, "Deformer", "Skin")
-        for cluster in scene.children(skin, "Deformer", "Cluster")
-        for bone in list(scene.children(cluster, "Model"))[:1]
-    ]
+    clusters = _clusters(scene, geometry)
     if not clusters:
         return None
-    binding, entries = Binding(), []
-    for place, (cluster, bone) in enumerate(clusters):
-        binding.bones.append(bone.number)
-        matrix = _numbers(scene, cluster, cluster.record.first("Transform"))
-        if len(matrix) != 16 or not (np.abs(matrix) < limits.COORDINATE).all():
-            message = "has no Transform of 16 finite numbers; bind the mesh again"
-            raise FormatError(scene.path, cluster.where, message, code=Code.SKIN_BIND)
-        binding.bone_from_node.append(matrix.reshape(4, 4).T)
+    place_of = np.full(surface.given, -1)
+    place_of[surface.used] = np.arange(len(surface.used))
+    bones, matrices, entries = [], [], []
+    for number, (cluster, bone) in enumerate(clusters):
+        bones.append(bone.number)
+        matrices.append(_read_bind(scene, cluster))
         indices = _numbers(scene, cluster, cluster.record.first("Indexes")).astype(np.int64)
         shares = _numbers(scene, cluster, cluster.record.first("Weights")).astype(np.float64)
-        if len(indices) != len(shares) or not ((indices >= 0) & (indices < points)).all():
-            message = f"{len(shares)} weights do not fit {points} vertices; bind the mesh again"
+        fits = len(indices) == len(shares)
+        if not fits or not ((indices >= 0) & (indices < surface.given)).all():
+            message = f"{len(shares)} weights do not fit {surface.given} vertices"
+            message += "; bind the mesh again"
             raise FormatError(scene.path, cluster.where, message, code=Code.SKIN_WEIGHTS)
-        entries.append((indices, np.full(len(indices), place), shares))
-    if sum(len(shares) for _, _, shares in entries) > limits.WEIGHTS:
-        message = f"has more than {limits.WEIGHTS} weights; bind it to fewer bones"
-        raise FormatError(scene.path, geometry.where, message, code=Code.LIMIT_TOTAL)
-    joints, weights = _heaviest(*map(np.concatenate, zip(*entries, strict=True)), points=points)
-    return Binding(binding.bones, binding.bone_from_node, joints, weights)
+        kept = place_of[indices] >= 0
+        places = place_of[indices[kept]]
+        entries.append((places, np.full(len(places), number), shares[kept]))
+    columns = map(np.concatenate, zip(*entries, strict=True))
+    return Binding(bones, matrices, *_heaviest(*columns, points=len(surface.used)))
+
+
+def _read_bind(scene: Scene, cluster: Thing) -> Float[np.ndarray, "4 4"]:
+    """Read where a bone is from the node of the mesh, when it was bound."""
+    record = cluster.record.first("Transform")
+    value = record.values[0] if record and record.values else None
+    is_long = isinstance(value, Packed) and value.count != 16
+    matrix = np.zeros(0) if is_long else _numbers(scene, cluster, record)
+    if len(matrix) != 16 or not (np.abs(matrix) < limits.COORDINATE).all():
+        message = "has no Transform of 16 finite numbers; bind the mesh again"
+        raise FormatError(scene.path, cluster.where, message, code=Code.SKIN_BIND)
+    return matrix.reshape(4, 4).T
 
 
 def _heaviest(

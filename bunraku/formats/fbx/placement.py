@@ -9,8 +9,11 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
+from bunraku import limits
+from bunraku.errors import Code
 from bunraku.formats.fbx.scene import Scene, Thing
 from bunraku.rotations import compose_transforms
+from bunraku.types import FormatError
 
 ORDERS = ("xyz", "xzy", "yzx", "yxz", "zxy", "zyx", "xyz")
 Vectors = Float[np.ndarray, "frames 3"]
@@ -19,6 +22,8 @@ Parts = tuple[Vectors, Float[np.ndarray, "frames 3 3"], Vectors]
 
 def turn(degrees: Vectors, order: str = "xyz") -> Float[np.ndarray, "frames 3 3"]:
     """Turn about fixed axes, one after the other as `order` says; angles come as x, y, z."""
+    if not degrees.any():  # most nodes, and of them there may be many
+        return np.tile(np.eye(3), (len(degrees), 1, 1))
     columns = ["xyz".index(axis) for axis in order]
     return Rotation.from_euler(order, degrees[:, columns], degrees=True).as_matrix()
 
@@ -45,12 +50,19 @@ def place_still(node: Thing) -> Parts:
     )
 
 
-def node_from_geometry(node: Thing) -> Float[np.ndarray, "4 4"]:
-    """Give the transform that a node applies to its own geometry, and to nothing below."""
-    placed = compose_transforms(
-        node.vector("GeometricTranslation"), turn(node.vector("GeometricRotation")[None])[0]
-    )
-    placed[:3, :3] *= node.vector("GeometricScaling", 1.0)
+def node_from_geometry(scene: Scene, node: Thing) -> Float[np.ndarray, "4 4"]:
+    """Give the transform that a node applies to its own geometry, and to nothing below.
+
+    Raises:
+        FormatError: if its numbers are not finite, or too large.
+    """
+    moved, degrees = node.vector("GeometricTranslation"), node.vector("GeometricRotation")
+    scales = node.vector("GeometricScaling", 1.0)
+    if not (np.abs([moved, degrees, scales]) < limits.COORDINATE).all():
+        message = "places its mesh by numbers that are not finite or too large; apply transforms"
+        raise FormatError(scene.path, node.where, message, code=Code.NODE_TRANSFORM)
+    placed = compose_transforms(moved, turn(degrees[None])[0])
+    placed[:3, :3] *= scales
     return placed
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -70,6 +71,11 @@ class Scene:
         """Give the objects of a kind, in order."""
         found = (thing for thing in self.things.values() if thing.kind == kind)
         return (thing for thing in found if not subkind or thing.subkind == subkind)
+
+    @cached_property
+    def material_count(self) -> int:
+        """Count the materials, once."""
+        return sum(1 for _ in self.of("Material"))
 
     def children(self, thing: Thing, kind: str, subkind: str = "") -> Iterator[Thing]:
         """Give the objects of a kind that are connected below one, each once."""
