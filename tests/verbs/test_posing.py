@@ -8,7 +8,7 @@ from bunraku.neural.corpus import draw_sculpted
 from bunraku.neural.variation import chain_turns
 from bunraku.rotations import vectors_to_matrices
 from bunraku.skinning import play_clip
-from bunraku.types import FormatError, Mesh
+from bunraku.types import FormatError, MatchError, Mesh
 from bunraku.verbs import posing, training
 
 
@@ -49,6 +49,50 @@ def test_it_is_written_as_a_rigged_file_and_as_surfaces(posed, tmp_path):
     surface = bunraku.read(tmp_path / "out-002.obj").mesh
     assert np.allclose(surface.vertices, posed.surfaces[1].vertices, atol=1e-5)
     bunraku.write(tmp_path / "out.json", posed)
+
+
+PITCH = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # on its face; and from Y up to Z up
+
+
+def write_objs(folder, *meshes):
+    """Write meshes to files that do not say which axis is up."""
+    folder.mkdir()
+    places = [folder / f"{number}.obj" for number in range(len(meshes))]
+    for place, mesh in zip(places, meshes, strict=True):
+        bunraku.write(place, mesh)
+    return places
+
+
+def turn(mesh):
+    return Mesh(mesh.vertices @ PITCH.T, mesh.faces)
+
+
+def test_an_avatar_that_is_laid_down_lays_the_figure_down(avatar, tmp_path):
+    pytest.importorskip("torch", reason="torch is not there: pip install bunraku[neural]")
+    figure = draw_sculpted("rounded", np.random.default_rng(8)).mesh
+    rest, down = write_objs(tmp_path / "objs", avatar.mesh, turn(avatar.mesh))
+    laid = bunraku.pose(figure, rest, [down], force=True).surfaces[0]
+    size = np.ptp(figure.vertices, axis=0)
+    assert np.allclose(np.ptp(laid.vertices, axis=0), size[[0, 2, 1]], rtol=0.1)
+
+
+def test_the_axis_that_is_up_at_rest_is_up_in_every_pose(avatar, cube, tmp_path, monkeypatch):
+    given = []
+
+    def keep(read, rest, poses, figure, **options):
+        given.append((rest.vertices, *poses))
+        raise MatchError("enough is known")
+
+    monkeypatch.setattr(posing, "load_reader", lambda network, seed: None)
+    monkeypatch.setattr(posing, "animate_from_avatar", keep)
+    upright, down = avatar.mesh, turn(avatar.mesh)
+    told = upright, down, upright
+    for folder, meshes in (("y", told), ("z", tuple(map(turn, told)))):
+        rest, *poses = write_objs(tmp_path / folder, *meshes)
+        with pytest.raises(MatchError):
+            bunraku.pose(cube, rest, poses)
+    assert np.allclose(given[0], given[1], atol=1e-6)
+    assert np.allclose(given[0], [mesh.vertices for mesh in told], atol=1e-6)
 
 
 def refuse(figure, rest, posed, match, code):
