@@ -191,9 +191,9 @@ def load_reader(network: Location | None, seed: int, *, purpose: str = "bunraku 
         return understanding.load_reader(builtin.shape_network(), seed=seed)
     try:
         return understanding.load_reader(read_bytes(network), seed=seed)
-    except (KeyError, RuntimeError, ValueError) as error:
-        if isinstance(error, FormatError):
-            raise
+    except FormatError:
+        raise
+    except ValueError as error:
         message = "holds no shape network; make one with bunraku train shape"
         raise FormatError(network, "", message, code=Code.NETWORK) from error
 
