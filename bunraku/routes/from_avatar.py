@@ -21,9 +21,7 @@ from bunraku.types import Character, MatchError, Mesh, Skin
 NETWORK, REGISTRATION = "network", "registration"
 FITS = 0.31  # strain up to which the registration is believed, chosen in-sample
 UNLIKE = 0.3  # difference of proportions from which no surface is fitted: it would be in vain
-LEAST_AGREEMENT = 0.6  # of the network with itself, below which a figure is not understood
-LEAST_CONFIDENCE = 0.25  # horses as people 7e-5, boxes .12, ten vertices .13; good pairs from .40
-DOUBTED = 0.5  # confidence below which a result comes with a warning
+LEAST_CONFIDENCE, DOUBTED = 0.25, 0.5  # bad pairs reach .15, good ones .40 at least (in-sample)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,62 +70,35 @@ def animate_from_avatar(
     watch = Stopwatch()
     watch.begin("avatar")
     seen = read(avatar)
-    if not force:
-        refuse_unsure(sureness(seen), "avatar", seen.kind)
     performer = rig_avatar(avatar, poses, seen, times=np.arange(len(poses)) / rate)
 
     watch.begin("figure")
     understood = read(figure, kind=seen.kind)
-    if understood.agreement < LEAST_AGREEMENT and not force:
-        raise MatchError(
-            f"the figure is not understood as a {seen.kind} (agreement "
-            f"{understood.agreement:.2f}, wanted at least {LEAST_AGREEMENT}); is it at rest, "
-            "upright and facing +Z? See --up and --facing, or --force"
-        )
     learned, plan = carry_learned(performer, seen, understood, figure)
 
     watch.begin("second opinion")
     registered, chosen, character = None, NETWORK, learned
-    confidence = sureness(seen) * sureness(understood)
-    doubts: tuple[str, ...] = ()
-    if unlikeness(seen, understood) < UNLIKE:
+    known, sure, doubts = sureness(seen), sureness(understood), list[str]()
+    if known * sure >= LEAST_CONFIDENCE and unlikeness(seen, understood) < UNLIKE:
         registered = animate_from_rig(performer, figure, force=True)
         if registered.score <= FITS:
             chosen, character = REGISTRATION, registered.character
-            confidence = sureness(seen) * registered.confidence
-            doubts = registered.warnings
-    if not force:
-        refuse_unsure(confidence, "figure", seen.kind)
-    if confidence < DOUBTED:
-        doubts = (*doubts, f"is hardly understood as a {seen.kind} (confidence {confidence:.2g})")
+            sure, doubts = registered.confidence, list(registered.warnings)
+    if (confidence := known * sure) < DOUBTED:
+        doubts.append(
+            f"hardly understood as a {seen.kind} ({sure:.2g}, the avatar {known:.2g} of 1)"
+        )
+    if confidence < LEAST_CONFIDENCE and not force:
+        raise MatchError(f"{doubts[-1]}; give two of a kind, upright (--up, --facing), or --force")
     return AvatarTransfer(
         *(seen, performer, understood, learned, plan, registered, chosen, character),
-        *(confidence, doubts, watch.end()),
+        *(confidence, tuple(doubts), watch.end()),
     )
 
 
 def sureness(seen: Understanding) -> float:
-    """Tell how surely a body is understood, 0 to 1: its kind, its parts, and how many are there.
-
-    Triangles, boxes and balls have one to four parts of 20, the people and quadrupeds of the
-    evaluation data 14 at least.
-    """
-    there = len(np.unique(seen.labels)) / seen.weights.shape[1]
-    return seen.chance * seen.agreement * there
-
-
-def refuse_unsure(confidence: float, what: str, kind: str) -> None:
-    """Refuse what is not understood well enough.
-
-    Raises:
-        MatchError: if the confidence is under the bar.
-    """
-    if confidence < LEAST_CONFIDENCE:
-        raise MatchError(
-            f"the {what} is not understood as a {kind} (confidence {confidence:.2g}, wanted at "
-            f"least {LEAST_CONFIDENCE}); give a body of the same kind, at rest, upright and facing "
-            "+Z, or --force"
-        )
+    """Tell how surely a body is understood, 0 to 1; boxes and balls have 1 to 4 parts of 20."""
+    return seen.chance * seen.agreement * len(np.unique(seen.labels)) / seen.weights.shape[1]
 
 
 def carry_learned(
