@@ -102,7 +102,7 @@ WeightsOption = Annotated[
 UntilOption = Annotated[
     int | None,
     typer.Option(
-        "--until", metavar="N", help="End the course at this step, and write the weights."
+        "--until", metavar="N", min=1, help="End the course at this step, and write the weights."
     ),
 ]
 SeedsOption = Annotated[
@@ -118,7 +118,7 @@ ResumeTrainingOption = Annotated[
 StepsOption = Annotated[
     int | None,
     typer.Option(
-        "--steps", metavar="N", help="Length of the course; another one is another result."
+        "--steps", metavar="N", min=1, help="Length of the course; another one is another result."
     ),
 ]
 ClipOption = Annotated[

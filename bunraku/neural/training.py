@@ -6,12 +6,15 @@ Every step draws its bodies from a generator of its own (seed, step), so that a 
 weights, Adam's moments and the step's number is all there is to know.
 """
 
+import hashlib
 import json
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
 import torch
+from safetensors import SafetensorError
 from safetensors.torch import load, save
 from torch import Tensor
 from torch.nn import functional
@@ -21,6 +24,7 @@ from bunraku.neural.corpus import KINDS, MOST_PARTS, Corpus, draw_variant
 from bunraku.neural.network import Architecture, ShapeNetwork
 
 KEEP_EVERY = 250  # steps
+LARGEST = {"width": 1024, "heads": 64, "latents": 1024, "blocks": 32}  # of a network that is read
 MOMENTS = ("exp_avg", "exp_avg_sq")
 PART_EXISTS = torch.tensor(
     [[part < len(ANATOMIES[kind].names) for part in range(MOST_PARTS)] for kind in KINDS]
@@ -81,13 +85,14 @@ def train(
         how it stands, averaged since the last report.
 
     Raises:
-        ValueError: if the checkpoint is of another course or network.
+        ValueError: if the checkpoint is damaged, or of another course, corpus or network.
     """
     torch.set_num_threads(1)  # two are slower for a network this small, and less repeatable
     torch.manual_seed(course.seed)
     network = ShapeNetwork()
     optimiser = torch.optim.Adam(network.parameters(), lr=course.rate, betas=(0.9, 0.98))
-    first = 0 if start is None else restore(start, network, optimiser, course)
+    origin = {"course": repr(course), "corpus": digest(corpus)}
+    first = 0 if start is None else restore(start, network, optimiser, origin)
     recent: list[Progress] = []
     step = first
     for step in range(first + 1, course.steps + 1):
@@ -97,7 +102,7 @@ def train(
         recent.append(learn(network, optimiser, batch, step, course.joint_weight))
         last = step == course.steps or stop(step)
         if step % KEEP_EVERY == 0 or last:
-            keep(checkpoint(network, optimiser, course, step))
+            keep(checkpoint(network, optimiser, origin, step))
         if step % report_every == 0 or last:
             yield _average(recent)
             recent = []
@@ -166,38 +171,71 @@ _MEASURES = ("loss", "joint_error", "agreement")
 
 
 def checkpoint(
-    network: ShapeNetwork, optimiser: torch.optim.Optimizer, course: Course, step: int
+    network: ShapeNetwork, optimiser: torch.optim.Optimizer, origin: dict[str, str], step: int
 ) -> bytes:
-    """Write weights, Adam's moments and the step as one safetensors file."""
+    """Write weights, Adam's moments, of which course and corpus they are, and the step."""
     tensors = dict(network.state_dict())
     for name, parameter in network.named_parameters():
         for moment in MOMENTS:
             tensors[f"{moment}:{name}"] = optimiser.state[parameter][moment]
-    notes = {"course": repr(course), "step": str(step), **network.sizes.as_strings()}
-    return write_tensors(tensors, notes)
+    return write_tensors(tensors, {**origin, "step": str(step), **network.sizes.as_strings()})
 
 
 def restore(
-    stored: bytes, network: ShapeNetwork, optimiser: torch.optim.Optimizer, course: Course
+    stored: bytes, network: ShapeNetwork, optimiser: torch.optim.Optimizer, origin: dict[str, str]
 ) -> int:
     """Take up a checkpoint; give its step."""
-    notes = read_notes(stored)
-    if notes.get("course") != repr(course):
-        raise ValueError(
-            f"the checkpoint is of {notes.get('course', 'no course')}, not of {course}; "
-            "give its options again, or start anew without --resume"
-        )
-    tensors, step = load(stored), int(notes["step"])
-    network.load_state_dict({name: tensors[name] for name in network.state_dict()})
-    for name, parameter in network.named_parameters():
-        moments = {moment: tensors[f"{moment}:{name}"] for moment in MOMENTS}
-        optimiser.state[parameter] = {"step": torch.tensor(float(step)), **moments}
+    notes, tensors = read_tensors(stored)
+    check_origin(notes, origin)
+    with _explaining():
+        step = int(notes["step"])
+        network.load_state_dict({name: tensors[name] for name in network.state_dict()})
+        for name, parameter in network.named_parameters():
+            moments = {moment: tensors[f"{moment}:{name}"] for moment in MOMENTS}
+            if any(moment.shape != parameter.shape for moment in moments.values()):
+                raise ValueError(f"moments of {name} have another shape")
+            optimiser.state[parameter] = {"step": torch.tensor(float(step)), **moments}
     return step
+
+
+def check_origin(notes: dict[str, str], origin: dict[str, str]) -> None:
+    """Refuse a checkpoint that another course, or another corpus, led to.
+
+    Raises:
+        ValueError: if it is of another one.
+    """
+    for what, wanted in origin.items():
+        if notes.get(what) != wanted:
+            found = notes.get(what, f"no {what}")
+            raise ValueError(
+                f"the checkpoint is of {found}, not of {wanted}; "
+                "give its options again, or start anew without --resume"
+            )
+
+
+def digest(corpus: Corpus) -> str:
+    """Give a name that tells a corpus from every other one, by its numbers."""
+    told = hashlib.sha256()
+    for name in Corpus.__dataclass_fields__:
+        told.update(np.ascontiguousarray(getattr(corpus, name)).data)
+    return f"corpus {told.hexdigest()[:16]}"
+
+
+def read_origin(stored: bytes) -> dict[str, str]:
+    """Read of which course and corpus a checkpoint is, and of which step.
+
+    Raises:
+        ValueError: if it is damaged, or no checkpoint.
+    """
+    notes, _ = read_tensors(stored)
+    if not notes.get("step", "").isdecimal() or "course" not in notes:
+        raise ValueError("it holds no checkpoint of bunraku train")
+    return notes
 
 
 def read_step(stored: bytes) -> int:
     """Read at which step a checkpoint was taken."""
-    return int(read_notes(stored)["step"])
+    return int(read_origin(stored)["step"])
 
 
 def write_tensors(tensors: dict[str, Tensor], notes: dict[str, str]) -> bytes:
@@ -206,23 +244,53 @@ def write_tensors(tensors: dict[str, Tensor], notes: dict[str, str]) -> bytes:
     return save({name: tensor.contiguous() for name, tensor in tensors.items()}, written)
 
 
-def read_notes(stored: bytes) -> dict[str, str]:
-    """Read what is written beside the tensors."""
-    size = int.from_bytes(stored[:8], "little")
-    written = json.loads(stored[8 : 8 + size]).get("__metadata__", {})
-    return dict(json.loads(written.get("notes", "{}")))
+def read_tensors(stored: bytes) -> tuple[dict[str, str], dict[str, Tensor]]:
+    """Read the notes and the tensors of a file that `write_tensors` made.
+
+    Raises:
+        ValueError: if it is no such file, is damaged, or a number in it is not finite.
+    """
+    with _explaining():
+        tensors = load(stored)
+        size = int.from_bytes(stored[:8], "little")
+        written = json.loads(stored[8 : 8 + size]).get("__metadata__", {})
+        notes = {str(name): str(note) for name, note in json.loads(written["notes"]).items()}
+    for name, tensor in tensors.items():
+        if tensor.dtype != torch.float32 or not tensor.isfinite().all():
+            raise ValueError(f"{name} has numbers that are not finite, or of another type")
+    return notes, tensors
+
+
+@contextmanager
+def _explaining() -> Iterator[None]:
+    """Raise a ValueError whatever a damaged file leads to."""
+    try:
+        yield
+    except (SafetensorError, LookupError, RuntimeError, TypeError, AttributeError) as error:
+        raise ValueError(f"it is damaged, or no such file ({error})") from error
 
 
 def finished_weights(stored: bytes) -> bytes:
     """Strip a checkpoint of what only training needs."""
-    tensors = {name: tensor for name, tensor in load(stored).items() if ":" not in name}
-    return write_tensors(tensors, read_notes(stored))
+    notes, tensors = read_tensors(stored)
+    kept = {name: tensor for name, tensor in tensors.items() if ":" not in name}
+    return write_tensors(kept, notes)
 
 
 def load_network(stored: bytes) -> ShapeNetwork:
-    """Build the network of a file of weights or a checkpoint, ready to be asked."""
-    notes = read_notes(stored)
-    fields = Architecture.__dataclass_fields__
-    network = ShapeNetwork(Architecture(**{name: int(notes[name]) for name in fields}))
-    network.load_state_dict({n: t for n, t in load(stored).items() if ":" not in n})
+    """Build the network of a file of weights or a checkpoint, ready to be asked.
+
+    Raises:
+        ValueError: if it is no such file, is damaged, or of a network that nobody would train.
+    """
+    notes, tensors = read_tensors(stored)
+    with _explaining():
+        sizes = {name: int(notes[name]) for name in Architecture.__dataclass_fields__}
+    if not all(1 <= sizes[name] <= most for name, most in LARGEST.items()):
+        raise ValueError(f"sizes {sizes} are out of range; at most {LARGEST}")
+    if sizes["width"] % sizes["heads"]:
+        raise ValueError(f"a width of {sizes['width']} has not {sizes['heads']} equal heads")
+    with _explaining():
+        network = ShapeNetwork(Architecture(**sizes))
+        network.load_state_dict({n: t for n, t in tensors.items() if ":" not in n})
     return network.eval().requires_grad_(False)

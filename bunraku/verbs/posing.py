@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.util import find_spec
 from pathlib import Path
@@ -11,10 +11,11 @@ import numpy as np
 from jaxtyping import Float
 
 from bunraku import builtin
-from bunraku.errors import Code, announce
+from bunraku.errors import Code, announce, collecting_doubts
 from bunraku.evaluate.report import report_avatar_transfer
 from bunraku.formats import read_figure
 from bunraku.formats.files import Location, read_bytes
+from bunraku.formats.sniffing import sniff
 from bunraku.graphs import mesh_edges
 from bunraku.neural.parts import Reader
 from bunraku.routes.from_avatar import AvatarTransfer, animate_from_avatar
@@ -84,7 +85,8 @@ def pose(
     Args:
         figure: what is to move, at rest: a file, or what `read` gave, or a Mesh.
         rest: the avatar at rest, a person or a quadruped, in about the figure's rest pose.
-        posed: the same avatar posed, vertex by vertex; several poses make a clip.
+        posed: the same avatar posed, vertex by vertex; several poses make a clip. Files of a format
+            that does not say which axis is up have the one that is up in the file at rest.
         rate: poses a second, in that clip.
         network: a file that `bunraku train shape` wrote; the built-in network without.
         seed: of the samples that the network reads.
@@ -95,7 +97,7 @@ def pose(
     Raises:
         FormatError: if a file cannot be read, a pose has other vertices than the avatar at rest,
             or PyTorch is not installed.
-        MatchError: if the figure cannot be understood well enough.
+        MatchError: if avatar or figure cannot be understood well enough.
     """
     began = time.perf_counter()
     found = as_figure(figure, up=up, facing=facing)
@@ -103,28 +105,44 @@ def pose(
         raise FormatError("--posed", "", "no pose is given; name a file", code=Code.OPTION)
     if not 0 < rate < 1000:
         raise FormatError("--rate", "", f"is {rate}; wanted 1 to 1000", code=Code.OPTION)
-    name, avatar = _read_avatar(rest)
-    poses = np.stack([_read_pose(avatar, name, one) for one in posed])
-    with about(found.path):
+    resting = _read_resting(rest)
+    poses = np.stack([_read_pose(resting, one) for one in posed])
+    name, avatar = resting.path, resting.mesh
+    with about(found.path), collecting_doubts() as doubts:
         transfer = animate_from_avatar(
             load_reader(network, seed), avatar, poses, found.mesh, rate=rate, force=force
         )
+    transfer = replace(transfer, warnings=(*transfer.warnings, *doubts))
     for message in transfer.warnings:
         announce(found.path, message, code=Code.MATCH_DOUBTFUL)
     return Posed(found, name, transfer, time.perf_counter() - began)
 
 
-def _read_avatar(place: Location | Mesh) -> tuple[str, Mesh]:
-    """Read an avatar, unless it is one."""
+def _read_resting(place: Location | Mesh) -> Figure:
+    """Read an avatar at rest, unless it is one."""
     if isinstance(place, Mesh):
-        return "avatar", place
+        return Figure("avatar", place, np.zeros(len(place.vertices), np.int64))
     with about(str(place)):
-        return str(place), read_figure(place).mesh
+        return replace(read_figure(place), path=str(place))
 
 
-def _read_pose(avatar: Mesh, avatar_name: str, place: Location | Mesh) -> Float[np.ndarray, "v 3"]:
+def _read_as_rest(resting: Figure, place: Location) -> Mesh:
+    """Read a pose with the axis up that is up at rest, for a pose itself may lie or stand on hands.
+
+    Formats that say which axis is up are believed.
+    """
+    up = "z" if resting.world_from_file[1, 2] > 0.5 else "y"
+    with about(str(place)):
+        says = sniff(place, read_bytes(place)) in ("gltf", "fbx")
+        return read_figure(place, up=None if says else up).mesh
+
+
+def _read_pose(resting: Figure, place: Location | Mesh) -> Float[np.ndarray, "v 3"]:
     """Read one pose, and make sure that its vertices are the avatar's."""
-    name, mesh = _read_avatar(place)
+    avatar, avatar_name = resting.mesh, resting.path
+    name, mesh = "avatar", place
+    if not isinstance(mesh, Mesh):
+        name, mesh = str(place), _read_as_rest(resting, mesh)
     code = Code.AVATAR_POSED
     if len(mesh.vertices) != len(avatar.vertices):
         raise FormatError(
@@ -173,9 +191,9 @@ def load_reader(network: Location | None, seed: int, *, purpose: str = "bunraku 
         return understanding.load_reader(builtin.shape_network(), seed=seed)
     try:
         return understanding.load_reader(read_bytes(network), seed=seed)
-    except (KeyError, RuntimeError, ValueError) as error:
-        if isinstance(error, FormatError):
-            raise
+    except FormatError:
+        raise
+    except ValueError as error:
         message = "holds no shape network; make one with bunraku train shape"
         raise FormatError(network, "", message, code=Code.NETWORK) from error
 

@@ -84,12 +84,18 @@ def write_motions(path: Location, character: Character) -> list[Path]:
 
 def write_poses(path: Location, posed: Posed) -> list[Path]:
     """Write the figure in a pose as OBJ, of several each into its own file; list the files."""
-    place, count = Path(path), len(posed.surfaces)
-    names = [place.with_name(f"{place.stem}-{i:03d}{place.suffix}") for i in range(1, count + 1)]
-    written = [place] if count == 1 else names
+    written = name_poses(path, len(posed.surfaces))
     for name, surface in zip(written, posed.surfaces, strict=True):
         write_mesh(name, surface)
     return written
+
+
+def name_poses(path: Location, count: int) -> list[Path]:
+    """Name the files that so many poses go into, if the user names them `path`."""
+    place = Path(path)
+    if count == 1 or place.suffix.lower() != ".obj":
+        return [place]
+    return [place.with_name(f"{place.stem}-{i:03d}{place.suffix}") for i in range(1, count + 1)]
 
 
 def write_report(path: Location, report: Mapping[str, object]) -> None:

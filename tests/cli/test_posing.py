@@ -56,3 +56,16 @@ def test_a_pose_of_another_mesh_ends_in_one_line(files, capsys):
     line = capsys.readouterr().err.strip()
     assert line.startswith("error: ") and "[AVATAR_POSED]" in line and len(line) <= 300
     assert "\n" not in line and not (files / "o.glb").exists()
+
+
+@pytest.mark.parametrize("read", ["hero", "rest", "bent"])
+def test_no_pose_of_several_is_written_over_an_input(files, capsys, read):
+    names = {name: files / f"{name}.obj" for name in ("hero", "rest", "bent")}
+    names[read] = names[read].rename(files / "out-002.obj")
+    before = names[read].read_bytes()
+    arguments = ["pose", str(names["hero"]), "--rest", str(names["rest"])]
+    arguments += ["--posed", str(names["bent"]), str(names["bent"]), "-o", str(files / "out.obj")]
+    assert run([*arguments, "--force"]) == 2
+    line = capsys.readouterr().err.strip()
+    assert "out-002.obj: is also read" in line and "\n" not in line
+    assert names[read].read_bytes() == before and not (files / "out-001.obj").exists()

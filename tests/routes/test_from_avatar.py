@@ -10,7 +10,9 @@ from bunraku.neural.corpus import draw_sculpted
 from bunraku.neural.parts import Understanding
 from bunraku.neural.variation import chain_turns
 from bunraku.rotations import vectors_to_matrices
-from bunraku.routes.from_avatar import NETWORK, REGISTRATION, animate_from_avatar
+from bunraku.routes import from_avatar
+from bunraku.routes.from_avatar import NETWORK, REGISTRATION, animate_from_avatar, sureness
+from bunraku.routes.from_rig import animate_from_rig
 from bunraku.skinning import play_clip
 from bunraku.types import MatchError, Mesh
 
@@ -18,12 +20,12 @@ from bunraku.types import MatchError, Mesh
 class Oracle:
     """Understands the bodies it was told of, by their number of vertices."""
 
-    def __init__(self, *bodies: Body, agreement: float = 1.0) -> None:
-        self.bodies, self.agreement = bodies, agreement
+    def __init__(self, *bodies: Body, agreement: float = 1.0, chance: float = 1.0) -> None:
+        self.bodies, self.agreement, self.chance = bodies, agreement, chance
 
     def __call__(self, mesh: Mesh, *, kind: str | None = None) -> Understanding:
         body = next(b for b in self.bodies if len(b.mesh.vertices) == len(mesh.vertices))
-        return Understanding(body.kind, 1.0, body.weights, body.joints, self.agreement)
+        return Understanding(body.kind, self.chance, body.weights, body.joints, self.agreement)
 
 
 @pytest.fixture(scope="module")
@@ -62,12 +64,18 @@ def test_a_figure_of_known_parts_takes_the_poses(bodies):
 def test_a_figure_that_is_not_understood_is_refused(bodies):
     avatar, figure = bodies
     poses = avatar.mesh.vertices[None]
-    with pytest.raises(MatchError, match="not understood as a person"):
-        animate_from_avatar(Oracle(avatar, figure, agreement=0.3), avatar.mesh, poses, figure.mesh)
+    read = Oracle(avatar, squat(figure), agreement=0.49)
+    with pytest.raises(MatchError, match="hardly understood as a person"):
+        animate_from_avatar(read, avatar.mesh, poses, figure.mesh)
 
 
-def test_a_figure_of_the_avatars_build_is_registered_to_it(bodies):
-    """The second opinion is asked, and believed, where the surface fits."""
+def test_a_figure_of_the_avatars_build_is_registered_to_it(bodies, monkeypatch):
+    """The second opinion is asked, and believed, where the surface fits; its doubts are told."""
+
+    def register(*given, **options):
+        return replace(animate_from_rig(*given, **options), warnings=("left may be right",))
+
+    monkeypatch.setattr(from_avatar, "animate_from_rig", register)
     avatar = bodies[0]
     larger = Mesh(2 * avatar.mesh.vertices, avatar.mesh.faces)
     figure = replace(avatar, mesh=larger, joints=2 * avatar.joints)
@@ -76,6 +84,7 @@ def test_a_figure_of_the_avatars_build_is_registered_to_it(bodies):
         Oracle(avatar), avatar.mesh, pose_body(avatar, turns), larger, force=True
     )
     assert transfer.chosen == REGISTRATION and transfer.confidence > 0.9
+    assert transfer.warnings == ("left may be right",)
     moved = play_clip(transfer.character, transfer.character.clips[0])
     assert pose_distance(moved, pose_body(figure, turns), 2.0) < 2.0
 
@@ -87,3 +96,40 @@ def test_bodies_of_other_proportions_are_left_to_the_network(bodies):
         Oracle(avatar, squat), avatar.mesh, avatar.mesh.vertices[None], figure.mesh, force=True
     )
     assert transfer.chosen == NETWORK and transfer.registered is None
+
+
+def squat(figure: Body) -> Body:
+    """Put joints so that nothing is registered, which takes long."""
+    return replace(figure, joints=figure.joints * [3.0, 0.3, 1.0])
+
+
+def test_a_figure_of_another_kind_is_refused_unless_forced(bodies):
+    """A horse is a person by a chance of 1 in 10,000."""
+    avatar, figure = bodies
+    poses, body = avatar.mesh.vertices[None], squat(figure)
+    sure, unsure = Oracle(avatar, body), Oracle(body, chance=1e-4)
+
+    def read(mesh: Mesh, *, kind: str | None = None) -> Understanding:
+        return (unsure if kind else sure)(mesh)
+
+    with pytest.raises(MatchError, match="hardly understood as a person"):
+        animate_from_avatar(read, avatar.mesh, poses, figure.mesh)
+    forced = animate_from_avatar(read, avatar.mesh, poses, figure.mesh, force=True)
+    assert forced.confidence < 1e-3 and "hardly understood" in forced.warnings[0]
+
+
+def test_an_avatar_of_few_parts_is_refused_whatever_the_network_says(bodies):
+    avatar, figure = bodies
+    triangle = Mesh(avatar.mesh.vertices[:3], np.array([[0, 1, 2]]))
+    few = replace(avatar, mesh=triangle, weights=np.eye(len(PERSON.names))[:3])
+    read = Oracle(few, figure)
+    assert sureness(read(triangle)) == pytest.approx(3 / 20)
+    with pytest.raises(MatchError, match=r"the avatar 0\.15 of 1"):
+        animate_from_avatar(read, triangle, triangle.vertices[None], figure.mesh)
+
+
+def test_doubts_about_the_avatar_count_and_are_told(bodies):
+    avatar, figure = bodies
+    read = Oracle(avatar, squat(figure), agreement=0.65)
+    transfer = animate_from_avatar(read, avatar.mesh, avatar.mesh.vertices[None], figure.mesh)
+    assert transfer.confidence == pytest.approx(0.65**2, abs=0.1) and len(transfer.warnings) == 1

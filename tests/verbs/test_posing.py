@@ -2,13 +2,14 @@ import numpy as np
 import pytest
 
 import bunraku
+from bunraku import builtin
 from bunraku.errors import Code
 from bunraku.neural.bodies import pose_body
 from bunraku.neural.corpus import draw_sculpted
 from bunraku.neural.variation import chain_turns
 from bunraku.rotations import vectors_to_matrices
 from bunraku.skinning import play_clip
-from bunraku.types import FormatError, Mesh
+from bunraku.types import FormatError, MatchError, Mesh
 from bunraku.verbs import posing, training
 
 
@@ -51,6 +52,50 @@ def test_it_is_written_as_a_rigged_file_and_as_surfaces(posed, tmp_path):
     bunraku.write(tmp_path / "out.json", posed)
 
 
+PITCH = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # on its face; and from Y up to Z up
+
+
+def write_objs(folder, *meshes):
+    """Write meshes to files that do not say which axis is up."""
+    folder.mkdir()
+    places = [folder / f"{number}.obj" for number in range(len(meshes))]
+    for place, mesh in zip(places, meshes, strict=True):
+        bunraku.write(place, mesh)
+    return places
+
+
+def turn(mesh):
+    return Mesh(mesh.vertices @ PITCH.T, mesh.faces)
+
+
+def test_an_avatar_that_is_laid_down_lays_the_figure_down(avatar, tmp_path):
+    pytest.importorskip("torch", reason="torch is not there: pip install bunraku[neural]")
+    figure = draw_sculpted("rounded", np.random.default_rng(8)).mesh
+    rest, down = write_objs(tmp_path / "objs", avatar.mesh, turn(avatar.mesh))
+    laid = bunraku.pose(figure, rest, [down], force=True).surfaces[0]
+    size = np.ptp(figure.vertices, axis=0)
+    assert np.allclose(np.ptp(laid.vertices, axis=0), size[[0, 2, 1]], rtol=0.1)
+
+
+def test_the_axis_that_is_up_at_rest_is_up_in_every_pose(avatar, cube, tmp_path, monkeypatch):
+    given = []
+
+    def keep(read, rest, poses, figure, **options):
+        given.append((rest.vertices, *poses))
+        raise MatchError("enough is known")
+
+    monkeypatch.setattr(posing, "load_reader", lambda network, seed: None)
+    monkeypatch.setattr(posing, "animate_from_avatar", keep)
+    upright, down = avatar.mesh, turn(avatar.mesh)
+    told = upright, down, upright
+    for folder, meshes in (("y", told), ("z", tuple(map(turn, told)))):
+        rest, *poses = write_objs(tmp_path / folder, *meshes)
+        with pytest.raises(MatchError):
+            bunraku.pose(cube, rest, poses)
+    assert np.allclose(given[0], given[1], atol=1e-6)
+    assert np.allclose(given[0], [mesh.vertices for mesh in told], atol=1e-6)
+
+
 def refuse(figure, rest, posed, match, code):
     with pytest.raises(FormatError, match=match) as caught:
         bunraku.pose(figure, rest, posed)
@@ -83,12 +128,28 @@ def test_without_torch_it_says_how_to_install_it(avatar, cube, monkeypatch):
 
 def test_a_file_that_is_no_network_is_refused(avatar, cube, tmp_path):
     pytest.importorskip("torch", reason="torch is not there: pip install bunraku[neural]")
-    for content in (b"nonsense", b"\x02\0\0\0\0\0\0\0{}", b"\xff" * 64):
+    good, listed = builtin.shape_network(), b'{"__metadata__":[]}'
+    notes = [b"no dictionary", bytes([len(listed)]) + b"\0" * 7 + listed]
+    for content in (b"nonsense", b"\x02\0\0\0\0\0\0\0{}", b"\xff" * 64, good[:-9], *notes):
         path = tmp_path / "network.safetensors"
         path.write_bytes(content)
         with pytest.raises(FormatError, match="no shape network") as caught:
             bunraku.pose(cube, avatar.mesh, [avatar.mesh], network=path)
         assert caught.value.code is Code.NETWORK
+
+
+def test_a_network_of_impossible_numbers_is_refused(avatar, cube, tmp_path):
+    torch = pytest.importorskip("torch", reason="torch is not there: pip install bunraku[neural]")
+    from bunraku.neural.training import read_tensors, write_tensors
+
+    notes, tensors = read_tensors(builtin.shape_network())
+    spoilt = {**tensors, "kind.bias": torch.full((2,), torch.nan)}
+    endless, uneven = ({**notes, "width": width} for width in ("1000000000", "130"))
+    path = tmp_path / "network.safetensors"
+    for told, stored in ((notes, spoilt), (endless, tensors), (uneven, tensors)):
+        path.write_bytes(write_tensors(stored, told))
+        with pytest.raises(FormatError, match="no shape network"):
+            bunraku.pose(cube, avatar.mesh, [avatar.mesh], network=path)
 
 
 def test_training_writes_weights_and_goes_on_after_a_stop(tmp_path, monkeypatch):
@@ -99,7 +160,7 @@ def test_training_writes_weights_and_goes_on_after_a_stop(tmp_path, monkeypatch)
     size = Size(people=0, outfits=0, sculpted=2, quadrupeds=2)
     whole, halves = tmp_path / "a" / "whole.safetensors", tmp_path / "halves.safetensors"
     training.train_shape(whole, steps=2, size=size)
-    line = training.train_shape(halves, steps=2, size=size, minutes=0.0)
+    line = training.train_shape(halves, steps=2, size=size, minutes=1e-9)
     assert "step 1 of 2" in line and not halves.exists()
     training.train_shape(halves, steps=2, size=size, resume=True)
     assert halves.read_bytes() == whole.read_bytes()
@@ -113,3 +174,63 @@ def test_resuming_what_was_never_begun_is_refused(tmp_path, monkeypatch):
     with pytest.raises(FormatError, match="checkpoint"):
         size = Size(people=0, outfits=0, sculpted=1, quadrupeds=1)
         training.train_shape(tmp_path / "none.safetensors", resume=True, size=size)
+
+
+@pytest.fixture
+def train(tmp_path, monkeypatch):
+    """Train in a folder, on a few bodies."""
+    pytest.importorskip("torch", reason="torch is not there: pip install bunraku[neural]")
+    from bunraku.neural.corpus import Size
+
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+
+    def run(steps=3, bodies=1, **options):
+        size = Size(people=0, outfits=0, sculpted=bodies, quadrupeds=1)
+        return training.train_shape(tmp_path / "net.safetensors", steps=steps, size=size, **options)
+
+    return run
+
+
+def test_resuming_goes_no_further_than_until(train, tmp_path):
+    weights = tmp_path / "net.safetensors"
+    assert "step 1 of 3" in train(minutes=1e-9)
+    assert "trained 2 steps" in train(until=2, resume=True)
+    first = weights.read_bytes()
+    weights.unlink()
+    assert "trained 2 steps" in train(until=2, resume=True) and weights.read_bytes() == first
+    with pytest.raises(FormatError, match="step 2 already, past --until 1"):
+        train(until=1, resume=True)
+
+
+@pytest.mark.parametrize(
+    "option", [{"until": 0}, {"until": 4}, {"steps": 0}, {"minutes": 0.0}, {"minutes": np.nan}]
+)
+def test_numbers_out_of_range_are_refused(train, option):
+    with pytest.raises(FormatError, match="wanted") as caught:
+        train(**option)
+    assert caught.value.code is Code.OPTION
+
+
+def test_training_anew_does_not_lose_a_checkpoint(train, tmp_path):
+    train(minutes=1e-9)
+    with pytest.raises(FormatError, match="go on with --resume") as caught:
+        train()
+    assert caught.value.code is Code.OUT_PLACE
+    assert "trained 2 steps" in train(steps=2)
+
+
+def test_a_checkpoint_of_another_corpus_is_refused(train):
+    train(minutes=1e-9)
+    with pytest.raises(FormatError, match="not of corpus"):
+        train(bodies=2, resume=True)
+
+
+def test_a_damaged_checkpoint_is_refused_in_one_line(train, tmp_path):
+    train(minutes=1e-9)
+    place = tmp_path / "net.checkpoint"
+    good = place.read_bytes()
+    for content in (b"garbage", good[:-5], good[:40], builtin.shape_network()):
+        place.write_bytes(content)
+        with pytest.raises(FormatError) as caught:
+            train(resume=True)
+        assert caught.value.code is Code.NETWORK and "\n" not in str(caught.value)
