@@ -33,7 +33,15 @@ for name in sys.argv[1:]:
     for path in {path for path in opened if isinstance(path, str | bytes)}:
         print("OPENED", name, os.path.realpath(os.fsdecode(path)), sep="\\t")
 """
-OWN = (sys.prefix, sys.base_prefix, str(ROOT / "bunraku"), "/proc/self", "/usr/share", "/etc/local")
+OWN = (
+    sys.prefix,
+    str(Path(sys.prefix).resolve()),
+    sys.base_prefix,
+    str(ROOT / "bunraku"),
+    "/proc/self",
+    "/usr/share",
+    "/etc/local",
+)
 
 
 def opened_by(names: list[Path]) -> dict[str, set[str]]:

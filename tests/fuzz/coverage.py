@@ -22,7 +22,7 @@ from tests.fuzz.mutants import mutate
 
 MIXED = 0.3  # share of mutations that are atheris's own, which know no structure
 LONGEST = 100_000  # bytes of a mutant
-MEMORY = 2 << 30  # bytes that the search may hold; a reader that wants more fails
+MEMORY = 2048  # MiB that the search may hold; a reader that wants more fails
 
 
 def search(kind: str, *, seconds: float, seed: int) -> None:
@@ -49,7 +49,8 @@ def search(kind: str, *, seconds: float, seed: int) -> None:
         return mutate(content, rng)[:longest]
 
     options = [f"-max_total_time={int(seconds)}", f"-seed={seed + 1}", f"-max_len={LONGEST}"]
-    options += ["-rss_limit_mb=0"]  # the peak of the process that started this one counts in it
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss >> 10  # of whoever started this, too
+    options += [f"-rss_limit_mb={peak + MEMORY}"]
     options += [f"-artifact_prefix={folder}/", "-verbosity=0", "-print_final_stats=1", str(seeds)]
     atheris.Setup(["fuzz", *options], read_one, custom_mutator=mutate_one)
     try:
@@ -66,7 +67,6 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     run.be_quiet()
-    resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, MEMORY))
     search(options.kind, seconds=options.seconds, seed=options.seed)
 
 
