@@ -27,7 +27,7 @@ def count_faults(how: str) -> int:
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="the C library is not glibc")
 def test_memory_that_is_kept_is_not_asked_for_again():
     fresh, kept = count_faults("fresh"), count_faults("keep")
-    assert kept <= fresh
+    assert kept < 1.3 * fresh  # with large pages there is little to win, and some noise
     if fresh > 2 * 60_000:  # small pages
         assert kept < 0.7 * fresh
 
