@@ -26,7 +26,7 @@ pytestmark = pytest.mark.skipif(find_spec("atheris") is None, reason="needs the 
 @pytest.mark.parametrize("kind", sorted(make_seeds()))
 def test_only_the_declared_error_escapes_wherever_a_mutant_goes(kind):
     command = [*MODULE, kind, "--seconds", SECONDS]
-    patience = 60 + 2 * float(SECONDS)
+    patience = 25 + 2 * float(SECONDS)
     try:
         run = subprocess.run(
             command, cwd=ROOT, capture_output=True, text=True, env=QUIET, timeout=patience
