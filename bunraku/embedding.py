@@ -215,6 +215,7 @@ def make_seen_puppet(performer: Character, bones: Bones) -> tuple[Puppet, float]
         np.arange(len(bones.parents)),
         farthest_points(vertices, 2000),
         np.tile(np.eye(3), (len(bones.parents), 1, 1)),
+        np.arange(len(bones.parents)),
     )
     return puppet, unit
 

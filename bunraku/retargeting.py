@@ -27,7 +27,7 @@ from bunraku.contacts import (
 from bunraku.graphs import ancestors, root_first
 from bunraku.meshes import referenced
 from bunraku.registration.body import Body
-from bunraku.reposing import Reposed
+from bunraku.reposing import Reposed, symmetry_axis
 from bunraku.rotations import (
     compose_transforms,
     decompose_transforms,
@@ -111,7 +111,10 @@ def plan_retarget(
         (body.proxy.mesh.vertices[:, 1], rested[:, 1]),
     )
     home = reposed.heading @ (scale * body.joints[hips])
-    aside = home - rest[hips, :3, 3] if reposed.trunk > 0.5 else np.zeros(3)
+    aside = home - rest[hips, :3, 3]
+    if reposed.trunk <= 0.5:  # unlike the source, it may stand farther on or back, but not aside
+        across = reposed.heading[:, symmetry_axis(body.joints, body.proxy.mesh.vertices)]
+        aside = (aside @ across) * across
     shift = way_home(found, rested, aside, posed=posed)
     stood = replace(plan, places=reposed.places + shift, scale=scale)
     return stand_floor_joints(body, reposed, stood)

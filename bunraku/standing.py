@@ -19,9 +19,9 @@ def ground_under(
     weights: Float[np.ndarray, "vertices joints"],
     body: Body,
 ) -> float:
-    """Find the ground a figure stands on: its lowest point, or that of its lowest limb but one.
+    """Find the ground a figure stands on: its lowest point, or how low most of its limbs reach.
 
-    Of three limbs or more that a body stands on one may have been put wrongly, and hang down.
+    Of three limbs or more that a body stands on some may have been put wrongly, and hang down.
 
     Args:
         rested: the figure's vertices in the source's rest pose.
@@ -31,8 +31,8 @@ def ground_under(
     below = descendants(body.carriers)
     stood_on = [below[limb] for limb in limbs(body).tolist() if is_stood_on(body, limb)]
     own = [weights[:, limb].sum(axis=1) > 0.5 for limb in stood_on]
-    lows = sorted(float(rested[limb, 1].min()) for limb in own if limb.any())
-    return lows[1] if len(lows) > 2 else float(rested[:, 1].min())
+    lows = [float(rested[limb, 1].min()) for limb in own if limb.any()]
+    return float(np.median(lows) if len(lows) > 2 else rested[:, 1].min())
 
 
 def travel_scale(

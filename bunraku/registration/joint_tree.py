@@ -17,26 +17,62 @@ LARGE = 0.15  # share of the surface from which a limb is half a body
 
 
 def merge_small_joints(
-    mass: Float[np.ndarray, " joints"], parents: Int[np.ndarray, " joints"], least: float
+    mass: Float[np.ndarray, " joints"],
+    parents: Int[np.ndarray, " joints"],
+    least: float,
+    shared: Float[np.ndarray, "joints joints"] | None = None,
 ) -> Int[np.ndarray, " joints"]:
-    """Give each joint the joint that carries its surface: itself, or an ancestor if it is small.
+    """Give each joint the joint that carries its surface: itself, or another if it is small.
 
-    Leaves are merged first, so that a hand collects its fingers before it is judged itself; a
-    small root (a rig's origin on the floor, even one that holds a hoof) goes to the child under
-    which most of the body hangs, a small root without children (an exporter's neutral bone) to the
-    heaviest joint of all.
+    That is its parent, but for strays (feet that an IK rig hangs off the root) the joint whose
+    surface they share. Leaves are merged first, so that a hand collects its fingers before it is
+    judged itself; a small root (a rig's origin on the floor, even one that holds a hoof) goes to
+    the child under which most of the body hangs, a small root without children (an exporter's
+    neutral bone) where it shares surface, else to the heaviest joint of all.
+
+    Args:
+        mass: surface that each joint moves.
+        parents: the skeleton's tree, parents before children.
+        least: mass from which a joint is kept.
+        shared: surface that two joints move together; None if it is not known.
     """
     under = descendants(parents) @ mass
     owner, mass = np.arange(len(mass)), mass.copy()
+    above = parents if shared is None else carried_by(shared, parents, under < LARGE * mass.sum())
     for joint in range(len(mass) - 1, -1, -1):
         if mass[joint] < least and parents[joint] != NO_PARENT:
-            owner[joint] = parents[joint]
-            mass[parents[joint]] += mass[joint]
-    for joint in range(len(mass)):  # parents come first, so chains resolve in one pass
-        owner[joint] = owner[owner[joint]]
+            heir = last_owner(owner, int(above[joint]))
+            heir = heir if heir != joint else last_owner(owner, int(parents[joint]))
+            owner[joint] = heir
+            mass[heir] += mass[joint] if heir != joint else 0.0
+    owner = np.array([last_owner(owner, joint) for joint in range(len(mass))])
+    owner = merge_small_roots(owner, mass, parents, least, under)
+    for lone in np.flatnonzero((owner == np.arange(len(mass))) & (mass < least)):
+        by = last_owner(owner, int(above[lone])) if above[lone] != NO_PARENT else lone
+        owner[lone] = by if by != lone else last_owner(owner, int(mass.argmax()))
+    return np.array([last_owner(owner, joint) for joint in range(len(mass))])
+
+
+def merge_small_roots(
+    owner: Int[np.ndarray, " joints"],
+    mass: Float[np.ndarray, " joints"],
+    parents: Int[np.ndarray, " joints"],
+    least: float,
+    under: Float[np.ndarray, " joints"],
+) -> Int[np.ndarray, " joints"]:
+    """Merge each small root, and each origin on the floor, into the child with most of the body.
+
+    Args:
+        owner: of each joint so far.
+        mass: surface that each owner moves.
+        parents: the skeleton's tree.
+        least: mass from which a root is kept.
+        under: surface that each joint's subtree moves.
+    """
+    owner = owner.copy()
     kept = owner == np.arange(len(mass))
     above = np.where(parents == NO_PARENT, NO_PARENT, owner[parents])
-    for root in np.flatnonzero(kept & (above == NO_PARENT)):
+    for root in np.flatnonzero(kept & (parents == NO_PARENT)):
         children = np.flatnonzero(kept & (above == root))
         if not len(children):
             continue
@@ -44,8 +80,33 @@ def merge_small_joints(
         on_floor = mass[root] < SMALL_ROOT * mass.sum() and under[heir] > MOST * under[root]
         if mass[root] < least or on_floor:
             owner[owner == root] = heir
-    owner[(owner == np.arange(len(mass))) & (mass < least)] = mass.argmax()
-    return owner[owner]
+    return owner
+
+
+def last_owner(owner: Int[np.ndarray, " joints"], joint: int) -> int:
+    """Follow owners from a joint to one that owns itself."""
+    while owner[joint] != joint:
+        joint = int(owner[joint])
+    return joint
+
+
+def carried_by(
+    shared: Float[np.ndarray, "joints joints"],
+    parents: Int[np.ndarray, " joints"],
+    limb: Bool[np.ndarray, " joints"],
+) -> Int[np.ndarray, " joints"]:
+    """Say which joint each one moves with: its parent, or a joint it shares far more surface with.
+
+    Args:
+        shared: surface that two joints move together.
+        parents: the skeleton's tree; a root that shares no surface keeps NO_PARENT.
+        limb: under which no large part of the body hangs; others stay with their parent.
+    """
+    outside = np.where(descendants(parents), 0.0, shared)  # of each joint's own subtree
+    each = np.arange(len(parents))
+    own = np.where(parents == NO_PARENT, 0.0, shared[each, parents])
+    rival = outside.argmax(axis=1)
+    return np.where(limb & (outside[each, rival] > RIVAL * own), rival, parents)
 
 
 def is_parent_of(

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from bunraku.meshes import scale_to_unit_area
-from bunraku.registration.body import Body, moving_joint
+from bunraku.registration.body import Body
 from bunraku.registration.correspondence import Surface, pin
 from bunraku.types import Mesh
 
@@ -45,7 +45,7 @@ def hold_landmarks(
     places = np.array(list(landmarks.values()), float).reshape(-1, 3)
     puppet = body.puppet
     weights = np.zeros((len(joints), len(puppet.joints)))
-    weights[np.arange(len(joints)), [moving_joint(body, int(joint)) for joint in joints]] = 1.0
+    weights[np.arange(len(joints)), puppet.owners[joints]] = 1.0
     moving = len(puppet.vertices) + np.arange(len(joints))
     still = len(surface.vertices) + np.arange(len(joints))
     nowhere = np.zeros((len(joints), 3))

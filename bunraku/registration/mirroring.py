@@ -17,13 +17,19 @@ NEAR = 0.1  # of the extent of the joints: farther images are none
 MIRROR = np.diag([-1.0, 1.0, 1.0])
 
 
-def mirror_twins(points: Float[np.ndarray, "points 3"]) -> Int[np.ndarray, " points"]:
-    """Give each point its mirror image across the plane x = median; itself if it has none.
+def mirror_twins(
+    points: Float[np.ndarray, "points 3"], *, axis: int = 0
+) -> Int[np.ndarray, " points"]:
+    """Give each point its mirror image across the median plane; itself if it has none.
 
     An image within a tenth of the extent will do: bodies are never quite symmetric.
+
+    Args:
+        points: joints, or anchors, of a body at rest.
+        axis: across which it is mirrored, from left to right.
     """
-    own = np.arange(len(points))
-    image = points * [-1.0, 1.0, 1.0] + [2 * float(np.median(points[:, 0])), 0.0, 0.0]
+    own, image = np.arange(len(points)), points.copy()
+    image[:, axis] = 2 * float(np.median(points[:, axis])) - points[:, axis]
     away = np.linalg.norm(image[:, None] - points, axis=2)
     twin, near = away.argmin(axis=1), away.min(axis=1) < NEAR * np.ptp(points, axis=0).max()
     return np.where((twin[twin] == own) & near, twin, own)

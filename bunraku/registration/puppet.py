@@ -36,6 +36,7 @@ class Puppet:
     joints: Int[np.ndarray, " joints"]  # which joint of the source's skeleton each one is
     samples: Int[np.ndarray, " samples"]  # vertices, farthest first
     stiffness: Float[np.ndarray, "joints 3 3"]  # cost of each joint's turn, in its parent's frame
+    owners: Int[np.ndarray, " all_joints"]  # which of the joints carries each of the skeleton's
 
     @cached_property
     def normals(self) -> Float[np.ndarray, "vertices 3"]:
@@ -158,7 +159,9 @@ def make_puppet(
         least_share: share of the surface below which a joint is merged into another one.
     """
     areas = vertex_areas(vertices, faces)
-    owner = merge_small_joints(areas @ weights, parents, least_share * areas.sum())
+    shared = np.sqrt(weights).T @ (areas[:, None] * np.sqrt(weights))
+    np.fill_diagonal(shared, 0.0)
+    owner = merge_small_joints(areas @ weights, parents, least_share * areas.sum(), shared)
     kept = np.flatnonzero(owner == np.arange(len(owner)))
     merged = np.zeros((len(vertices), len(kept)))
     np.add.at(merged.T, np.searchsorted(kept, owner), weights.T)
@@ -167,10 +170,13 @@ def make_puppet(
     kept, merged, hierarchy = kept[order], merged[:, order], hierarchy[np.ix_(order, order)]
     anchors = place_anchors(vertices, areas, merged, joints[kept], tree, hierarchy)
     axes = bone_axes(vertices, areas, merged, anchors, tree)
+    place = np.empty(len(parents), np.int64)
+    place[kept] = np.arange(len(kept))
     return Puppet(
         *(vertices, faces, merged, anchors, tree, axes, kept),
         samples=farthest_points(vertices, 2500),
         stiffness=np.tile(np.eye(3), (len(kept), 1, 1)),
+        owners=place[owner],
     )
 
 
@@ -239,11 +245,17 @@ def tree_of_places(
     """Say whose motion carries each joint of the full skeleton.
 
     Its parent, except where the puppet found that a joint shares its surface with a joint that
-    is no ancestor (a foot that an IK rig hangs off the root goes with its leg).
+    is no ancestor (a foot that an IK rig hangs off the root goes with its leg), and except for
+    small joints that were merged into another branch, which their parent has nothing to do with.
     """
     carriers = parents.copy()
     above = puppet.joints[puppet.parents[1:]]
-    for joint, parent in zip(puppet.joints[1:].tolist(), above.tolist(), strict=True):
+    pairs = [*zip(puppet.joints[1:].tolist(), above.tolist(), strict=True)]
+    owned = puppet.joints[puppet.owners]
+    for joint in np.flatnonzero(owned != np.arange(len(parents))).tolist():
+        if parents[joint] == NO_PARENT or owned[parents[joint]] != owned[joint]:
+            pairs.append((joint, int(owned[joint])))
+    for joint, parent in pairs:
         if parent not in ancestors(parents, joint) and joint not in ancestors(carriers, parent):
             carriers[joint] = parent
     return carriers

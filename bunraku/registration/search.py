@@ -124,7 +124,7 @@ def likely_moments(
     middle = surface.vertices[surface.samples].mean(axis=0)
     judged = []
     for heading in headings:
-        for moment in body.moments:
+        for moment in body.moments.turns[body.moments.unlike]:
             pose = posed_start(puppet, moment, heading)
             moved, normals = move_puppet(puppet, pose, samples)
             shift = middle - moved.mean(axis=0)

@@ -2,5 +2,6 @@
 
 from bunraku.reposing.decision import Reposed, repose
 from bunraku.reposing.energy import recover_rest_pose
+from bunraku.reposing.symmetry import symmetry_axis
 
-__all__ = ["Reposed", "recover_rest_pose", "repose"]
+__all__ = ["Reposed", "recover_rest_pose", "repose", "symmetry_axis"]

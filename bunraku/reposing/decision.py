@@ -18,6 +18,8 @@ from jaxtyping import Bool, Float, Int
 from bunraku.graphs import ancestors, descendants, root_first
 from bunraku.registration.body import Body
 from bunraku.reposing.energy import goal_joints, local_turns, place_joints, recover_rest_pose
+from bunraku.reposing.slides import undo_slides
+from bunraku.reposing.symmetry import straighten, symmetry_axis
 from bunraku.rotations import (
     matrices_to_vectors,
     rotation_angles,
@@ -26,6 +28,8 @@ from bunraku.rotations import (
     vertical_turn,
 )
 from bunraku.types import NO_PARENT
+
+MOST_TURN = np.deg2rad(90.0)  # farther a joint turns only in a fit gone wrong
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +79,8 @@ def repose(
     root = joints[root_first(carriers)[0]]
     ahead = (joints - root) @ heading  # all of it, other roots included, to the source's front
     places, _ = place_joints(ahead, carriers, undo, root)
+    sure = 0.0 if at_rest else posed * sure_of_limbs(misfit)
+    places = undo_slides(straighten(places, body, sure), body, turns, sure)
     trunk = float(share[body.puppet.joints[0]])
     return Reposed(joints, turns, heading, places, posed, trunk)
 
@@ -137,7 +143,8 @@ def believe_turns(
     """
     puppet = body.puppet
     mass = puppet.areas @ puppet.weights
-    mean = float(mass @ rotation_angles(turns[puppet.joints]) / mass.sum())
+    angles = rotation_angles(turns[puppet.joints]).clip(max=MOST_TURN)
+    mean = float(mass @ angles / mass.sum())
     bar = np.deg2rad(11.0 + 24.0 * np.clip((misfit - 0.12) / 0.03, 0.0, 1.0))
     turned = smooth_step(mean, 0.85 * bar, 1.15 * bar)
     swings = limb_swings(body, turns, joints)
@@ -146,13 +153,18 @@ def believe_turns(
     swung = smooth_step(mean_swing, np.deg2rad(14.0), np.deg2rad(20.0))
     posed = max(turned, swung)
     trunk = max(turned, swung * (1.0 - smooth_step(misfit, 0.155, 0.175)))
-    every = posed * (1.0 - smooth_step(misfit, 0.28, 0.34))
+    every = posed * sure_of_limbs(misfit)
     share = np.full(len(turns), trunk)
     below = descendants(body.carriers)
     for limb, swing in swings.items():
         alone = smooth_step(swing, np.deg2rad(17.0), np.deg2rad(27.0))
         share[below[limb]] = np.maximum(share[below[limb]], max(every, alone))
     return posed, share
+
+
+def sure_of_limbs(misfit: float) -> float:
+    """Say how far to believe every limb of a posed figure, by the fit."""
+    return 1.0 - smooth_step(misfit, 0.28, 0.34)
 
 
 def smooth_step(value: float, low: float, high: float) -> float:
@@ -171,21 +183,10 @@ def limbs(body: Body) -> Int[np.ndarray, " limbs"]:
 def off_symmetry(
     joints: Float[np.ndarray, "joints 3"], vertices: Float[np.ndarray, "vertices 3"]
 ) -> Bool[np.ndarray, " joints"]:
-    """Tell which joints lie off the source's plane of symmetry, of the two vertical candidates.
-
-    The plane is the one whose mirror image of the joints fits best for how far they spread
-    across it.
-    """
-    middle = np.median(joints, axis=0)  # of the surface it would follow a sword in one hand
-    extent = float(np.ptp(vertices, axis=0).max())
-    doubts = []
-    for axis in (0, 2):
-        mirrored = joints.copy()
-        mirrored[:, axis] = 2 * middle[axis] - joints[:, axis]
-        error = np.linalg.norm(mirrored[:, None] - joints, axis=2).min(axis=1).mean()
-        doubts.append((error + 2e-3 * extent) / (joints[:, axis].std() + 1e-6 * extent))
-    axis = (0, 2)[int(np.argmin(doubts))]
-    return np.asarray(np.abs(joints[:, axis] - middle[axis]) > 0.02 * extent)
+    """Tell which joints lie off the source's plane of symmetry."""
+    axis = symmetry_axis(joints, vertices)
+    away = joints[:, axis] - np.median(joints[:, axis])
+    return np.asarray(np.abs(away) > 0.02 * float(np.ptp(vertices, axis=0).max()))
 
 
 def limb_swings(

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from bunraku.meshes import is_closed, surface_area
-from bunraku.registration.body import choose_moments, wrap_character
-from bunraku.skinning import clip_transforms, forward_kinematics
+from bunraku.registration.body import wrap_character
 from bunraku.types import Character, Mesh, Skin
 from tests.creatures import JOINTS, PARENTS, true_weights
 
@@ -44,34 +43,3 @@ def test_stray_and_doubled_vertices_and_flat_faces_change_little(creature, body)
     wrapped = wrap_character(untidy)
     assert np.isclose(wrapped.areas.sum(), body.areas.sum(), rtol=0.02)
     np.testing.assert_array_equal(wrapped.puppet.parents, body.puppet.parents)
-
-
-def test_moments_are_world_turns_of_frames_of_the_clips(creature, body):
-    clip, skeleton = creature.clips[0], creature.skeleton
-    at_rest = forward_kinematics(skeleton.parents, skeleton.rest)[:, :3, :3]
-    frames = forward_kinematics(skeleton.parents, clip_transforms(clip))[..., :3, :3]
-    turns = frames @ np.swapaxes(at_rest, 1, 2)
-    mass = np.ones(len(skeleton.names))
-    moments = choose_moments(creature, mass, count=3)
-    assert moments.shape == (3, 7, 3, 3)
-    apart = np.abs(moments[:, None] - turns[None]).max(axis=(2, 3, 4))
-    assert apart.min(axis=1).max() < 1e-9  # each is one of the frames
-    assert len(set(apart.argmin(axis=1))) == 3
-    assert len(body.moments) == len(clip.times)  # few enough to keep them all
-
-
-def test_moments_differ_where_the_surface_does(creature):
-    """Of an arm that moves no surface, no turn counts."""
-    mass = np.ones(7)
-    clip = creature.clips[0]
-    rotations = np.tile(clip.rotations[:1], (8, 1, 1))
-    rotations[5, 3] = [0.0, 0.0, 0.0, 1.0]
-    rotations[2, 4] = [0.0, 0.0, 0.0, 1.0]
-    source = replace(creature, clips=(replace(clip, rotations=rotations),))
-    arms = [choose_moments(source, mass * (np.arange(7) != still), count=2) for still in (3, 4)]
-    for moments, moved in zip(arms, (4, 3), strict=True):
-        assert np.abs(moments[0] - moments[1]).max(axis=(1, 2)).argmax() == moved
-
-
-def test_without_clips_there_are_no_moments(creature):
-    assert choose_moments(replace(creature, clips=()), np.ones(7)).shape == (0, 7, 3, 3)

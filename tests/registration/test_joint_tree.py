@@ -52,11 +52,48 @@ def test_merging_leaves_joints_that_carry_enough_alone(creature, rng):
     np.testing.assert_array_equal(merge_small_joints(np.ones(1), np.array([-1]), 1.0), [0])
 
 
+def shared_surface(count: int, *pairs: tuple[int, int]) -> np.ndarray:
+    """Let pairs of joints share one unit of surface each."""
+    shared = np.zeros((count, count))
+    for one, other in pairs:
+        shared[one, other] = shared[other, one] = 1.0
+    return shared
+
+
+def test_a_small_foot_that_hangs_off_the_floor_merges_into_the_leg_it_shares_surface_with():
+    parents, mass = np.array([-1, 0, 1, 0, 0]), np.array([0.0, 6, 3, 0.2, 0.2])
+    shared = shared_surface(5, (1, 2), (2, 3))  # floor > body > leg; a foot and a tag on the floor
+    owner = merge_small_joints(mass, parents, 1.0, shared)
+    np.testing.assert_array_equal(owner, [1, 1, 2, 2, 1])
+    np.testing.assert_array_equal(merge_small_joints(mass, parents, 1.0), [1, 1, 2, 1, 1])
+
+
+def test_a_small_foot_without_parent_merges_into_its_leg_as_well():
+    parents, mass = np.array([-1, 0, -1]), np.array([6.0, 3, 0.2])
+    owner = merge_small_joints(mass, parents, 1.0, shared_surface(3, (0, 1), (1, 2)))
+    np.testing.assert_array_equal(owner, [0, 1, 1])
+
+
+def test_a_small_joint_of_the_trunk_stays_with_its_parent():
+    """What hangs below it is half the body: it must not go to a leg that it touches."""
+    parents, mass = np.array([-1, 0, 1, 0]), np.array([3.0, 0.2, 3, 3])
+    owner = merge_small_joints(mass, parents, 1.0, shared_surface(4, (1, 2), (1, 3)))
+    np.testing.assert_array_equal(owner, [0, 0, 2, 3])
+
+
+def test_strays_that_share_with_each_other_alone_find_an_owner():
+    parents, mass = np.array([-1, 0, 0]), np.array([6.0, 0.2, 0.2])
+    owner = merge_small_joints(mass, parents, 1.0, shared_surface(3, (1, 2)))
+    np.testing.assert_array_equal(owner, [0, 0, 0])
+
+
 def test_merged_joints_are_never_merged_further(rng):
     for _ in range(50):
         parents = np.array([rng.integers(-1, joint) if joint else -1 for joint in range(12)])
         mass = rng.exponential(size=12)
-        owner = merge_small_joints(mass, parents, 1.0)
+        shared = rng.exponential(size=(12, 12)) * (rng.uniform(size=(12, 12)) < 0.2)
+        shared = (shared + shared.T) * (1 - np.eye(12))
+        owner = merge_small_joints(mass, parents, 1.0, shared if rng.integers(2) else None)
         np.testing.assert_array_equal(owner[owner], owner)
         collected = np.bincount(owner, mass, 12)
         roots = parents == -1

@@ -1,11 +1,8 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from bunraku.meshes import scale_to_unit_area
 from bunraku.registration.articulated import COARSE, fit
-from bunraku.registration.body import moving_joint
 from bunraku.registration.correspondence import make_surface
 from bunraku.registration.landmarks import HELD, hold_landmarks
 from bunraku.registration.puppet import move_puppet, rest_pose
@@ -74,12 +71,3 @@ def test_landmarks_bring_home_a_fit_that_would_be_lost(body, figure, surface):
         np.linalg.norm(fitted - surface.vertices, axis=1).mean() for fitted in (helped, alone)
     )
     assert near < 0.01 and far > 3 * near  # measured .0006 and .036
-
-
-def test_a_joint_that_moves_nothing_is_held_by_the_one_above(body):
-    arm = NAMES.index("leftArm")
-    gone = int(body.puppet.joints[-1])
-    kept = replace(body.puppet, joints=np.append(body.puppet.joints[:-1], 99))
-    assert moving_joint(body, arm) == body.puppet.joints.tolist().index(arm)
-    above = int(body.parents[gone])
-    assert moving_joint(replace(body, puppet=kept), gone) == kept.joints.tolist().index(above)

@@ -38,6 +38,7 @@ def rod() -> Puppet:
         joints=np.array([0, 1]),
         samples=np.array([0, 1, 2]),
         stiffness=np.tile(np.eye(3), (2, 1, 1)),
+        owners=np.array([0, 1]),
     )
 
 

@@ -6,6 +6,7 @@ import pytest
 from bunraku.meshes import closest_points, interpolate
 from bunraku.registration.articulated import fit_error
 from bunraku.registration.correspondence import make_surface
+from bunraku.registration.moments import no_moments
 from bunraku.registration.puppet import move_puppet, rest_pose
 from bunraku.registration.search import (
     Candidate,
@@ -71,14 +72,16 @@ def test_starts_that_led_to_one_place_are_tried_once(puppet):
 def test_the_moment_that_the_figure_is_frozen_in_is_found(body):
     puppet = body.puppet
     about = heading_starts(puppet)[4].rotations[0]
-    vertices, _ = move_puppet(puppet, posed_start(puppet, body.moments[0], about))
+    vertices, _ = move_puppet(puppet, posed_start(puppet, body.moments.turns[0], about))
     surface = make_surface(vertices + 1.0, puppet.faces)  # wherever it stands
     likely = likely_moments(body, surface, [np.eye(3), about], keep=3)
     assert len(likely) == 3
-    np.testing.assert_allclose(likely[0].world(puppet)[0][0], about @ body.moments[0, 0], atol=1e-6)
+    np.testing.assert_allclose(
+        likely[0].world(puppet)[0][0], about @ body.moments.turns[0, 0], atol=1e-6
+    )
     moved, _ = move_puppet(puppet, likely[0])
     assert np.linalg.norm(moved - surface.vertices, axis=1).max() < 0.05
-    assert not likely_moments(replace(body, moments=body.moments[:0]), surface, [about])
+    assert not likely_moments(replace(body, moments=no_moments(len(body.joints))), surface, [about])
 
 
 def turned_candidate(puppet, degrees: float, error: float) -> Candidate:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from bunraku.registration.moments import no_moments
 from bunraku.reposing.decision import (
     believe_turns,
     hang_on_hips,
@@ -86,7 +87,7 @@ def test_tips_without_surface_do_not_hide_a_limb(body):
         parents=np.append(PARENTS, arm),
         carriers=np.append(PARENTS, arm),
         weights=np.insert(body.weights, 7, 0.0, axis=1),
-        moments=np.empty((0, 8, 3, 3)),
+        moments=no_moments(8),
     )
     turns = np.concatenate([world_turns(ONE_ARM), turn("z", 60)[None]])
     swings = limb_swings(tipped, turns, tipped.joints)
@@ -107,7 +108,7 @@ def jointed(body):
         parents=parents,
         carriers=parents,
         weights=weights,
-        moments=np.empty((0, 11, 3, 3)),
+        moments=no_moments(11),
     )
 
 
@@ -144,7 +145,7 @@ def test_a_long_foot_on_a_short_leg_is_no_swing(jointed):
         parents=parents,
         carriers=parents,
         weights=weights,
-        moments=np.empty((0, 12, 3, 3)),
+        moments=no_moments(12),
     )
     chibi = joints.copy()
     chibi[9] = chibi[5] + (chibi[9] - chibi[5]) / 3
@@ -299,7 +300,7 @@ def test_a_lone_root_stored_first_turns_with_the_figure(body):
         carriers=parents,
         puppet=puppet,
         weights=np.insert(body.weights, 0, 0.0, axis=1),
-        moments=np.empty((0, 8, 3, 3)),
+        moments=no_moments(8),
     )
     heading = turn("y", 90)
     surface = np.tile(heading, (8, 1, 1))
@@ -320,7 +321,7 @@ def test_a_floor_root_follows_the_hips_whatever_its_own_surface_says(body):
         carriers=parents,
         puppet=replace(body.puppet, joints=body.puppet.joints + 1),
         weights=np.insert(body.weights, 0, 0.0, axis=1),
-        moments=np.insert(body.moments, 0, np.eye(3), axis=1),
+        moments=no_moments(len(body.joints) + 1),
     )
     left = vectors_to_matrices(np.array([0.0, np.pi / 2, 0.0]))
     found = 2.0 * joints @ left.T
