@@ -12,7 +12,7 @@ from bunraku.reposing.symmetry import chain_bones
 from bunraku.rotations import matrices_to_vectors
 from bunraku.types import NO_PARENT
 
-RIDGE = 0.1  # of the mean squared turn: what a moment must stand out from
+RIDGE = 0.02  # of the mean squared turn: what a moment must stand out from
 MOST_MOMENTS = 400  # that the regression learns from
 LEAST_SHARE = 4e-3  # of the surface: what joints with less do was not seen
 
