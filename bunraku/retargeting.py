@@ -25,9 +25,9 @@ from bunraku.contacts import (
     swing_arm,
 )
 from bunraku.graphs import ancestors, root_first
-from bunraku.meshes import referenced
+from bunraku.meshes import referenced, vertex_areas
 from bunraku.registration.body import Body
-from bunraku.reposing import Reposed, symmetry_axis
+from bunraku.reposing import Reposed
 from bunraku.rotations import (
     compose_transforms,
     decompose_transforms,
@@ -40,7 +40,7 @@ from bunraku.skinning import (
     linear_blend_skinning,
     local_transforms,
 )
-from bunraku.standing import ground_under, travel_scale, way_home
+from bunraku.standing import ground_under, travel_scale, way_aside, way_home
 from bunraku.types import NO_PARENT, Clip, Mesh, Skeleton
 
 LEAST_SCALE = 1e-3  # what a clip scales to nothing, to hide it, stays just larger than nothing
@@ -110,11 +110,11 @@ def plan_retarget(
         (float(body.joints[hips, 1]), float(rest[hips, 1, 3])),
         (body.proxy.mesh.vertices[:, 1], rested[:, 1]),
     )
-    home = reposed.heading @ (scale * body.joints[hips])
-    aside = home - rest[hips, :3, 3]
-    if reposed.trunk <= 0.5:  # unlike the source, it may stand farther on or back, but not aside
-        across = reposed.heading[:, symmetry_axis(body.joints, body.proxy.mesh.vertices)]
-        aside = (aside @ across) * across
+    areas = vertex_areas(figure.vertices, figure.faces)[seen] + 1e-12  # points have none
+    middle = np.average(rested, axis=0, weights=areas)
+    places = rest[hips, :3, 3], middle
+    alike = reposed.trunk > 0.5
+    aside = way_aside(body, reposed.heading, *places, scale=scale, alike=alike)
     shift = way_home(found, rested, aside, posed=posed)
     stood = replace(plan, places=reposed.places + shift, scale=scale)
     return stand_floor_joints(body, reposed, stood)

@@ -9,6 +9,7 @@ from jaxtyping import Float
 from bunraku.errors import doubt
 from bunraku.graphs import descendants
 from bunraku.registration.body import Body
+from bunraku.reposing import symmetry_axis
 from bunraku.reposing.decision import is_stood_on, limbs
 
 LEAST_TRAVEL = 0.25  # of the ratio of heights: legs shorter than that are a joint gone astray
@@ -61,6 +62,41 @@ def travel_scale(
     return scale
 
 
+def way_aside(
+    body: Body,
+    heading: Float[np.ndarray, "3 3"],
+    hips: Float[np.ndarray, "3"],
+    middle: Float[np.ndarray, "3"],
+    *,
+    scale: float,
+    alike: bool,
+) -> Float[np.ndarray, "3"]:
+    """Say how far a figure caught in motion is from where the source stands at rest.
+
+    The hips tell it of a body like the source. Those of another lie farther back or in front by
+    nature: there the middle of the surface must bear them out, and the lesser way counts; to the
+    side they are right, because bodies are symmetric.
+
+    Args:
+        body: the source.
+        heading: turn about the vertical from the source's front to the figure's.
+        hips: of the figure at rest.
+        middle: of its surface at rest.
+        scale: figure to source.
+        alike: the figure is like the source.
+    """
+    areas, vertices = body.areas, body.proxy.mesh.vertices
+    by_hips = scale * body.joints[body.puppet.joints[0]] - hips @ heading
+    if alike:
+        return heading @ by_hips
+    by_surface = scale * (areas @ vertices) / areas.sum() - middle @ heading
+    agreed = np.where(by_hips * by_surface > 0, np.minimum(abs(by_hips), abs(by_surface)), 0.0)
+    aside = np.sign(by_hips) * agreed
+    across = symmetry_axis(body.joints, vertices)
+    aside[across] = by_hips[across]
+    return np.asarray(heading @ aside)
+
+
 def way_home(
     found: Float[np.ndarray, "vertices 3"],
     rested: Float[np.ndarray, "vertices 3"],
@@ -71,13 +107,12 @@ def way_home(
     """Say how to move a reposed figure so that it stands where clips expect it.
 
     A figure found at rest stays on its own ground. One caught in motion, near the origin of its
-    file, perhaps in the air, goes to the floor y = 0 and, if it is like the source, over the
-    origin, as the source stands at rest.
+    file, perhaps in the air, goes to the floor y = 0 and to where the source stands at rest.
 
     Args:
         found: the figure's vertices as found.
         rested: the same in the source's rest pose.
-        aside: way along the ground to where the source stands; zero if that is not known.
+        aside: way to where the source stands, from `way_aside`.
         posed: the figure was caught in motion.
     """
     floor, height = float(found[:, 1].min()), float(np.ptp(rested[:, 1]))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bunraku.registration.moments import no_moments
-from bunraku.standing import ground_under, travel_scale, way_home
+from bunraku.standing import ground_under, travel_scale, way_aside, way_home
 
 HIPS = np.array([0.3, 1.0, 0.4])
 HOME = np.array([0.0, 1.0, 0.0])
@@ -35,6 +35,34 @@ def test_a_figure_caught_in_motion_far_away_stays_there():
     far = standing_at(7.0)
     shift = way_home(far, far, HOME - HIPS * [10.0, 7.0, 1.0], posed=True)
     np.testing.assert_allclose(shift, 0, atol=1e-12)
+
+
+def ways(body, hips: np.ndarray, middle: np.ndarray, *, alike: bool = False) -> np.ndarray:
+    """Give the way to the source's place of a figure of its size, hips and middle so far off it."""
+    own = body.areas @ body.proxy.mesh.vertices / body.areas.sum()
+    at = body.joints[body.puppet.joints[0]] + hips, own + middle
+    return way_aside(body, np.eye(3), *at, scale=1.0, alike=alike)
+
+
+def test_an_unlike_figure_goes_as_far_ahead_as_hips_and_surface_agree(body):
+    near, far = np.array([0.0, 0.0, 0.1]), np.array([0.0, 0.0, 0.3])
+    for hips, middle in ((near, far), (far, near)):
+        np.testing.assert_allclose(ways(body, hips, middle), -near, atol=1e-12)
+        np.testing.assert_allclose(ways(body, hips, -middle), 0, atol=1e-12)
+        np.testing.assert_allclose(ways(body, hips, middle, alike=True), -hips, atol=1e-12)
+
+
+def test_to_the_side_the_hips_are_right(body):
+    aside = np.array([0.2, 0.0, 0.0])
+    np.testing.assert_allclose(ways(body, aside, np.zeros(3)), -aside, atol=1e-12)
+
+
+def test_ways_are_told_in_the_figures_heading(body):
+    quarter = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])
+    own = body.areas @ body.proxy.mesh.vertices / body.areas.sum()
+    at = body.joints[body.puppet.joints[0]] + np.array([0.2, 0, 0.1]), own + np.array([0, 0, 0.3])
+    way = way_aside(body, quarter, *(quarter @ place for place in at), scale=1.0, alike=False)
+    np.testing.assert_allclose(way, quarter @ [-0.2, 0.0, -0.1], atol=1e-12)
 
 
 BODY = np.array([0.0, 1.8])
