@@ -27,6 +27,7 @@ class Block:
     faces: Int[np.ndarray, "faces 3"]  # counted from the block's first vertex
     joints: Int[np.ndarray, "vertices influences"]  # places in the skin's list of joints
     weights: Float[np.ndarray, "vertices influences"]  # rows sum to 1; no columns if unskinned
+    lost_weights: int = 0  # vertices of whose weights nothing was a number
 
     @property
     def is_skinned(self) -> bool:
@@ -93,8 +94,8 @@ def _read_block(document: Document, node: int, mesh: int, group: tuple[int, ...]
         where = f"/meshes/{mesh}/primitives/{index}"
         faces.append(_read_faces(document, where, primitives[index], len(vertices)))
     where = f"/meshes/{mesh}/primitives/{group[0]}"
-    joints, weights = read_influences(document, node, where, vertices=vertices)
-    return Block(node, group, vertices, np.concatenate(faces), joints, weights)
+    moved = read_influences(document, node, where, vertices=vertices)
+    return Block(node, group, vertices, np.concatenate(faces), *moved)
 
 
 def read_positions(document: Document, accessor: int) -> Float[np.ndarray, "vertices 3"]:

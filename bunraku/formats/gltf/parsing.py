@@ -41,7 +41,7 @@ def parse_json(path: str, json: bytes) -> tuple[bytes, Gltf]:
     except (RecursionError, ValueError) as problem:
         raise _trouble(path, problem) from None
     mended = _check_version(path, gltf, raw) or mended
-    if gltf.meshes and all(node.mesh is None for node in gltf.nodes):
+    if all(node.mesh is None for node in gltf.nodes) and _stores_positions(gltf):
         message = f"no node shows a mesh; each of the {len(gltf.meshes)} is given one"
         announce(path, message, code=Code.GLTF_UNSHOWN, where="/nodes")
         mended = _show_meshes(mended or raw, len(gltf.meshes))
@@ -92,6 +92,14 @@ def _with_integers(value: Any) -> Any:
     if isinstance(value, list):
         return [_with_integers(item) for item in value]
     return int(value) if isinstance(value, float) and value.is_integer() else value
+
+
+def _stores_positions(gltf: Gltf) -> bool:
+    """Tell whether any mesh is worth being shown: its positions are no mere placeholder."""
+    primitives = (primitive for mesh in gltf.meshes for primitive in mesh.primitives)
+    used = [item.attributes["POSITION"] for item in primitives if "POSITION" in item.attributes]
+    count = len(gltf.accessors)
+    return any(index >= count or not gltf.accessors[index].is_placeholder for index in used)
 
 
 def _show_meshes(raw: dict[str, Any], count: int) -> dict[str, Any]:
