@@ -14,6 +14,7 @@ import hashlib
 import json
 import logging
 import signal
+import subprocess
 import sys
 import tempfile
 import time
@@ -149,9 +150,20 @@ def search_everywhere(
             kind, start, stop = waiting[future]
             outcomes = future.result()
             totals[kind].update(outcomes)
-            chunk = {"kind": kind, "seed": seed, "start": start, "stop": stop}
+            chunk = {"kind": kind, "seed": seed, "start": start, "stop": stop, "code": revision()}
             print(json.dumps({**chunk, "outcomes": outcomes}), file=notes, flush=True)
     return totals
+
+
+@cache
+def revision() -> str:
+    """Name the commit whose readers are run, or nothing outside of a repository."""
+    command = ["git", "describe", "--always", "--dirty"]
+    try:
+        found = subprocess.run(command, capture_output=True, text=True, cwd=Path(__file__).parent)
+    except OSError:
+        return ""
+    return found.stdout.strip()
 
 
 def memory() -> str | None:
