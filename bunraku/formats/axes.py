@@ -116,6 +116,8 @@ def _stands(
     ground = points[points[:, up] <= points[:, up].min() + CONTACT * np.ptp(points[:, up])][
         :, level
     ]
+    if len(ground) < 3:
+        return False
     try:
         equations = ConvexHull(ground).equations
     except (QhullError, ValueError):

@@ -41,6 +41,9 @@ def read_pieces(path: Location, content: bytes, kind: str) -> tuple[list[Piece],
             f"has {count} vertices, at most {limits.VERTICES}; decimate it",
             code=Code.LIMIT_VERTICES,
         )
+    if len(pieces) > limits.PIECES:
+        message = f"has {len(pieces)} groups, at most {limits.PIECES} are read; join them"
+        raise FormatError(path, "", message, code=Code.LIMIT_TOTAL)
     for piece in pieces:
         _check_piece(path, piece)
     if not any(len(piece.faces) for piece in pieces):

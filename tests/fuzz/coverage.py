@@ -77,7 +77,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
-    run.be_quiet()
+    run.prepare()
     search(options.kind, seconds=options.seconds, seed=options.seed)
 
 

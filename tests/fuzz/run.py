@@ -24,13 +24,21 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from types import FrameType
 
 import numpy as np
 
-from bunraku.formats import inspect, read_character, read_figure, read_motion
+from bunraku.formats import (
+    fbx,
+    inspect,
+    inspection,
+    read_character,
+    read_figure,
+    read_motion,
+    reading,
+)
 from bunraku.types import FormatError
 from tests.fuzz.mutants import make_seeds, mutate
 
@@ -140,7 +148,7 @@ def search_everywhere(
             totals[chunk["kind"]].update(chunk["outcomes"])
     starts = [(kind, start) for kind in kinds for start in range(0, count, CHUNK)]
     chunks = [(kind, start, min(start + CHUNK, count)) for kind, start in starts]
-    with ProcessPoolExecutor(workers, initializer=be_quiet) as pool, progress.open("a") as notes:
+    with ProcessPoolExecutor(workers, initializer=prepare) as pool, progress.open("a") as notes:
         waiting = {
             pool.submit(search, kind, range(start, stop), seed=seed): (kind, start, stop)
             for kind, start, stop in chunks
@@ -171,8 +179,10 @@ def memory() -> str | None:
     return "/dev/shm" if Path("/dev/shm").is_dir() else None
 
 
-def be_quiet() -> None:
-    """Print no warnings of readers: they are no findings; those of NumPy are."""
+def prepare() -> None:
+    """Print no warnings of readers: they are no findings, those of NumPy are; convert FBX once."""
+    once = lru_cache(maxsize=1)(fbx.convert_to_glb)
+    reading.convert_to_glb = inspection.convert_to_glb = once  # each mutant is read three times
     warnings.simplefilter("error", RuntimeWarning)
     logging.getLogger("bunraku").addHandler(logging.NullHandler())
 
@@ -187,7 +197,7 @@ def main() -> int:
     parser.add_argument("--progress", type=Path, default=FINDINGS / "progress.jsonl")
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
-    be_quiet()
+    prepare()
     options.progress.parent.mkdir(exist_ok=True)
     if options.count:
         workers, progress = options.workers, options.progress

@@ -8,6 +8,7 @@ from bunraku.errors import NOTE, WARNING, Code
 from bunraku.formats.gltf.accessors import read_floats, read_integers
 from bunraku.formats.gltf.document import Document
 
+MOST_SETS = 8  # of four joints each, that move a vertex
 Joints = Int[np.ndarray, "vertices influences"]
 Weights = Float[np.ndarray, "vertices influences"]
 
@@ -70,6 +71,9 @@ def _list_sets(document: Document, where: str) -> list[tuple[int, int]]:
     sets: list[tuple[int, int]] = []
     while f"JOINTS_{len(sets)}" in names and f"WEIGHTS_{len(sets)}" in names:
         sets.append((names[f"JOINTS_{len(sets)}"], names[f"WEIGHTS_{len(sets)}"]))
+        if len(sets) > MOST_SETS:
+            message = f"more than {4 * MOST_SETS} joints move a vertex; bind to fewer"
+            raise document.fault(where, message, code=Code.LIMIT_TOTAL)
     if any(f"{name}_{len(sets)}" in names for name in ("JOINTS", "WEIGHTS")):
         document.warn(
             where,
