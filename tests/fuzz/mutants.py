@@ -246,7 +246,7 @@ def _mutate_glb(content: bytes, rng: Generator) -> bytes:
     if rng.random() < 0.25 and len(rest) > 16:
         rest = rest[:8] + _mutate_arrays(rest[8:], rng)
     else:
-        _mutate_json(document, rng)
+        mutate_json(document, rng)
     text = json.dumps(document).encode()
     text += b" " * (-len(text) % 4)
     body = struct.pack("<I", len(text)) + b"JSON" + text + rest
@@ -333,7 +333,7 @@ def _mutate_values(values: tuple[Any, ...], rng: Generator) -> tuple[Any, ...]:
     return tuple(changed)
 
 
-def _mutate_json(document: Any, rng: Generator) -> None:
+def mutate_json(document: Any, rng: Generator) -> None:
     """Change one value somewhere in a tree of JSON."""
     places = _list_places(document)
     if not places:

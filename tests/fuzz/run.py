@@ -39,7 +39,9 @@ from bunraku.formats import (
     read_motion,
     reading,
 )
+from bunraku.formats.depth_video import read_depth
 from bunraku.types import FormatError
+from tests.fuzz.folders import make_folders, mutate_folder, unpack_into
 from tests.fuzz.mutants import make_seeds, mutate
 
 FINDINGS = Path("fuzz-findings")
@@ -47,6 +49,7 @@ SLOWEST = 5.0  # seconds that one small file may take
 CHUNK = 500  # mutants that a worker reads at a time
 READERS = {"bvh": (read_motion,), "glb": (read_character, read_figure)}
 READERS["fbx"] = READERS["glb"]
+READERS["depth"] = (read_depth,)
 ESCAPED = "ESCAPED"
 
 
@@ -95,14 +98,28 @@ def read_all(path: Path, kind: str) -> str:
 @cache
 def seeds_of(kind: str) -> list[bytes]:
     """Give the sound files that mutants of a format are made from."""
-    return make_seeds()[kind]
+    return make_folders() if kind == "depth" else make_seeds()[kind]
+
+
+def kinds() -> list[str]:
+    """List the formats that are searched."""
+    return sorted([*make_seeds(), "depth"])
 
 
 def make_mutant(kind: str, seed: int, number: int) -> bytes:
     """Damage one of the seeds of a format."""
     rng = np.random.default_rng([seed, number])
     seeds = seeds_of(kind)
-    return mutate(seeds[int(rng.integers(len(seeds)))], rng)
+    damage = mutate_folder if kind == "depth" else mutate
+    return damage(seeds[int(rng.integers(len(seeds)))], rng)
+
+
+def store(path: Path, content: bytes) -> None:
+    """Write a mutant where readers find it; a folder, if it is one of depth frames."""
+    if path.suffix == ".depth":
+        unpack_into(path, content)
+    else:
+        path.write_bytes(content)
 
 
 def search(
@@ -116,7 +133,7 @@ def search(
         for number in numbers:
             if time.monotonic() > end:
                 break
-            path.write_bytes(content := make_mutant(kind, seed, number))
+            store(path, content := make_mutant(kind, seed, number))
             try:
                 with limited(SLOWEST):
                     outcomes[read_all(path, kind)] += 1
@@ -190,7 +207,7 @@ def prepare() -> None:
 def main() -> int:
     """Run the command line; 1 if anything escaped."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("kinds", nargs="*", default=sorted(make_seeds()))
+    parser.add_argument("kinds", nargs="*", default=kinds())
     parser.add_argument("--seconds", type=float, default=60.0, help="a format, without --count")
     parser.add_argument("--count", type=int, help="mutants of each format, however long it takes")
     parser.add_argument("--workers", type=int, default=1, help="processes, with --count")
