@@ -196,10 +196,25 @@ def memory() -> str | None:
     return "/dev/shm" if Path("/dev/shm").is_dir() else None
 
 
+def convert_once(path: Path, content: bytes) -> bytes:
+    """Convert an FBX that is read in three ways; or raise what converting it raised."""
+    result = _convert(path, content)
+    if isinstance(result, FormatError):
+        raise result
+    return result
+
+
+@lru_cache(maxsize=1)
+def _convert(path: Path, content: bytes) -> bytes | FormatError:
+    try:
+        return fbx.convert_to_glb(path, content)
+    except FormatError as error:
+        return error
+
+
 def prepare() -> None:
     """Print no warnings of readers: they are no findings, those of NumPy are; convert FBX once."""
-    once = lru_cache(maxsize=1)(fbx.convert_to_glb)
-    reading.convert_to_glb = inspection.convert_to_glb = once  # each mutant is read three times
+    reading.convert_to_glb = inspection.convert_to_glb = convert_once
     warnings.simplefilter("error", RuntimeWarning)
     logging.getLogger("bunraku").addHandler(logging.NullHandler())
 
