@@ -8,6 +8,7 @@ a mutant took, and ends the program itself. Whatever escapes is printed, and kep
 """
 
 import argparse
+import faulthandler
 import itertools
 import os
 import resource
@@ -26,6 +27,7 @@ from tests.fuzz.mutants import mutate
 
 MIXED = 0.3  # share of mutations that are atheris's own, which know no structure
 LONGEST = 100_000  # bytes of a mutant
+PATIENCE = 30.0  # seconds after its time in which a search must have ended
 MEMORY = 2048  # MiB that the search may hold; a reader that wants more fails
 
 
@@ -37,6 +39,7 @@ def search(kind: str, *, seconds: float, seed: int) -> None:
     for number, content in enumerate(run.seeds_of(kind)):
         (seeds / str(number)).write_bytes(content)
 
+    faulthandler.dump_traceback_later(seconds + PATIENCE, exit=True)
     until, done = time.monotonic() + seconds, itertools.count(1)
 
     def read_one(content: bytes) -> None:
