@@ -140,6 +140,7 @@ def _inspect(path: Location) -> Inspection:
     if kind == "gltf":
         return _inspect_gltf(found, content)
     pieces, materials = read_pieces(path, content, kind)
+    del content  # a text may be larger than what is in it
     mesh = merge_pieces(pieces)
     up = guess_up(mesh, kind)
     mesh = Mesh(mesh.vertices @ world_from_axes(up).T, mesh.faces)

@@ -1,0 +1,147 @@
+"""STL, binary or text: triangles with corners of their own; every solid of a text is a piece."""
+
+import re
+from collections.abc import Iterator
+
+import numpy as np
+from jaxtyping import Float
+
+from bunraku.errors import Code, announce
+from bunraku.formats.files import Location
+from bunraku.formats.obj_text import Lines, gather_words
+from bunraku.formats.pieces import Piece
+from bunraku.formats.text import SPACE, decode_text
+from bunraku.types import FormatError
+
+UNCOUNTED = (0, 0xFFFFFFFF)
+RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+HEADER = 84  # bytes before the first record
+CHUNK = 1 << 25  # bytes of text that are looked at together
+VERTEX = b"vertex"
+_AGAIN = "export or download it again"
+_SOLID = re.compile(rb"^[ \t]*(end)?solid\b[ \t]*([^\n]*)", re.IGNORECASE | re.MULTILINE)
+
+
+def read_stl(path: Location, content: bytes) -> list[Piece]:
+    """Read an STL: a piece for each solid that has triangles.
+
+    Raises:
+        FormatError: if a binary file has not the triangles that it claims, or a vertex line of a
+            text is no vertex.
+    """
+    content = check_stl(path, content)
+    if len(content) == HEADER + RECORD.itemsize * int.from_bytes(content[80:HEADER], "little"):
+        corners = np.frombuffer(content, RECORD, offset=HEADER)["corners"]
+        return [_piece("", corners.reshape(-1, 3).astype(np.float64))]
+    return list(_read_text(path, content.replace(b"\r\n", b"\n").replace(b"\r", b"\n")))
+
+
+def _piece(name: str, positions: Float[np.ndarray, "vertices 3"]) -> Piece:
+    """Make a piece of corners, three a triangle."""
+    return Piece(name, positions, np.arange(len(positions)).reshape(-1, 3))
+
+
+def _read_text(path: Location, text: bytes) -> Iterator[Piece]:
+    """Read the solids of a text."""
+    marks = list(_SOLID.finditer(text))
+    borders = [*(mark.start() for mark in marks), len(text)]
+    for mark, end in zip(marks, borders[1:], strict=True):
+        parts = [np.zeros((0, 3))] if mark[1] else _read_vertices(path, text, mark.end(), end)
+        positions = np.concatenate([np.zeros((0, 3)), *parts])
+        if len(positions) % 3:
+            message = f"{len(positions)} vertices are no whole triangles; {_AGAIN}"
+            raise FormatError(path, _line_at(text, mark.start()), message, code=Code.MESH_DAMAGED)
+        if len(positions):
+            yield _piece(decode_text(mark[2]).strip(), positions)
+    if not marks or not marks[-1][1]:
+        message = "ends without endsolid: some of it may be missing"
+        announce(path, message, code=Code.MESH_COUNT, where=_line_at(text, len(text)))
+
+
+def _line_at(text: bytes, place: int) -> str:
+    """Name the line of a byte."""
+    count = text.count(b"\n", 0, place)
+    return f"line {count + 1}"
+
+
+def _read_vertices(
+    path: Location, text: bytes, start: int, end: int
+) -> Iterator[Float[np.ndarray, "vertices 3"]]:
+    """Read the vertex lines between two bytes, some ten thousand at a time."""
+    while start < end:
+        stop = text.find(b"\n", min(start + CHUNK, end), end)
+        stop = end if stop < 0 else stop + 1
+        yield _read_block(path, text, start, stop)
+        start = stop
+
+
+def _read_block(
+    path: Location, text: bytes, start: int, stop: int
+) -> Float[np.ndarray, "vertices 3"]:
+    """Read the vertex lines of a block of whole lines."""
+    letters = np.frombuffer(text, np.uint8, stop - start, start)
+    found = np.flatnonzero((letters[: -len(VERTEX)] | SPACE) == VERTEX[0])
+    for place, letter in enumerate(VERTEX[1:], start=1):
+        found = found[(letters[found + place] | SPACE) == letter]
+    found = found[letters[found + len(VERTEX)] <= SPACE]
+    found = found[(found == 0) | (letters[found - 1] <= SPACE)]
+    newlines = np.append(np.flatnonzero(letters == ord("\n")), len(letters))
+    ends = newlines[np.searchsorted(newlines, found)]
+    kinds = np.ones(len(found), np.int8)
+    words = gather_words(Lines(path, letters, found, found + len(VERTEX), ends, kinds), 1)
+    numbers = words.numbers(float) if (words.counts == 3).all() else None
+    if numbers is not None:
+        return numbers.reshape(-1, 3)
+    return _read_rows(path, text, start + found, start + ends)
+
+
+def _read_rows(path: Location, text: bytes, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """Read vertex lines one by one, and name the first that is none."""
+    rows = []
+    for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
+        line = decode_text(text[start:end]).strip()
+        try:
+            x, y, z = map(float, line.split()[1:])
+        except ValueError:
+            message = f"wanted vertex x y z, got {line[:50]!r}"
+            raise FormatError(path, _line_at(text, start), message, code=Code.MESH_NUMBER) from None
+        rows.append((x, y, z))
+    return np.array(rows)
+
+
+def check_stl(path: Location, content: bytes) -> bytes:
+    """Raise a FormatError unless an STL file is text, or has as many triangles as it claims.
+
+    Returns:
+        the file, with its triangles counted if the header left them open, and without a tail.
+    """
+    count = int.from_bytes(content[80:84], "little")
+    is_text = re.match(rb"\s*solid\b", content, re.IGNORECASE) and b"\0" not in content[:512]
+    tail = len(content) - 84 - 50 * count
+    if not is_text and count in UNCOUNTED and len(content) > 84 and len(content) % 50 == 34:
+        count = (len(content) - 84) // 50  # those who write as they go leave the count as it was
+        message = f"the header does not count the triangles; all {count} are read"
+        announce(path, message, code=Code.MESH_COUNT, where="header")
+        content = content[:80] + count.to_bytes(4, "little") + content[84:]
+    elif not is_text and count and tail > 0:
+        message = f"{tail} bytes follow the {count} triangles of the header; they are left out"
+        announce(path, message, code=Code.MESH_COUNT, where="header")
+        content = content[: HEADER + RECORD.itemsize * count]
+    if len(content) >= 84 and len(content) == HEADER + RECORD.itemsize * count:
+        if not count:
+            raise FormatError(
+                path,
+                "header",
+                "claims 0 triangles; export it again with geometry",
+                code=Code.MESH_EMPTY,
+            )
+        return content
+    if not is_text:
+        raise FormatError(
+            path,
+            "header",
+            f"claims {count} triangles, the file has bytes for {max(len(content) - 84, 0) / 50:g}; "
+            f"{_AGAIN}",
+            code=Code.MESH_COUNT,
+        )
+    return content
