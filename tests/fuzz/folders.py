@@ -22,7 +22,7 @@ NAMES = (
     *("9" * 40 + ".png", "intrinsics.json", "camera.json", "mask/0000.png", "mask/9.png"),
 )
 HEADERS = (0, 1, 2, 3, 4, 6, 8, 16, 24, 32, 255, 8193, 2**31 - 1, 2**31, 2**32 - 1)
-SAFE = re.compile(r"(mask/)?[\w.-]*\w[\w.-]*", re.ASCII)
+SAFE = re.compile(r"(mask/)?[\w.-]{0,100}\w[\w.-]{0,100}", re.ASCII)
 Files = dict[str, bytes]
 
 
@@ -40,7 +40,7 @@ def unpack_into(folder: Path, content: bytes) -> None:
     except msgspec.DecodeError:
         return
     for name, inside in files.items():
-        if SAFE.fullmatch(name):
+        if SAFE.fullmatch(name) and not (folder / name).is_dir():
             (folder / name).write_bytes(inside)
 
 
@@ -65,7 +65,10 @@ def encode_png(depth: np.ndarray) -> bytes:
 
 def mutate_folder(content: bytes, rng: Generator) -> bytes:
     """Damage a folder once to four times."""
-    files = msgspec.msgpack.decode(content, type=Files)
+    try:
+        files = msgspec.msgpack.decode(content, type=Files)
+    except msgspec.DecodeError:  # damaged without knowing what it is
+        return mutate(content, rng)
     for _ in range(int(rng.integers(1, 5))):
         if not files:
             break

@@ -110,8 +110,12 @@ def make_mutant(kind: str, seed: int, number: int) -> bytes:
     """Damage one of the seeds of a format."""
     rng = np.random.default_rng([seed, number])
     seeds = seeds_of(kind)
-    damage = mutate_folder if kind == "depth" else mutate
-    return damage(seeds[int(rng.integers(len(seeds)))], rng)
+    return damage(kind, seeds[int(rng.integers(len(seeds)))], rng)
+
+
+def damage(kind: str, content: bytes, rng: np.random.Generator) -> bytes:
+    """Damage a file of a format, or a folder of frames."""
+    return mutate_folder(content, rng) if kind == "depth" else mutate(content, rng)
 
 
 def store(path: Path, content: bytes) -> None:

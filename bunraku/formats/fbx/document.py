@@ -87,9 +87,10 @@ class _Writer:
     def _metric(self, number: int, parts: Parts) -> Parts:
         """Bring translation, rotation and scale of a node to metres; of a root, to Y up."""
         moved, rotations, scales = parts
-        moved = moved * self.unit
-        if self._is_root(number):
-            moved, rotations = moved @ self.turn.T, self.turn @ rotations
+        with np.errstate(all="ignore"):
+            moved = moved * self.unit
+            if self._is_root(number):
+                moved, rotations = moved @ self.turn.T, self.turn @ rotations
         if not all(np.isfinite(part).all() for part in (moved, rotations, scales)):
             message = "is placed by numbers that are not finite or too large; apply transforms"
             where = self.scene.things[number].where
