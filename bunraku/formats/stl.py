@@ -1,11 +1,12 @@
-"""STL, binary or text: triangles with corners of their own; every solid of a text is a piece."""
+"""STL, binary or text: every solid is a piece; corners at one position become one vertex."""
 
 import re
 from collections.abc import Iterator
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int, UInt8
 
+from bunraku import limits
 from bunraku.errors import Code, announce
 from bunraku.formats.files import Location
 from bunraku.formats.obj_text import Lines, gather_words
@@ -16,10 +17,11 @@ from bunraku.types import FormatError
 UNCOUNTED = (0, 0xFFFFFFFF)
 RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 HEADER = 84  # bytes before the first record
+MIXERS = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)
 CHUNK = 1 << 25  # bytes of text that are looked at together
-VERTEX = b"vertex"
+VERTEX, SOLID = b"vertex", b"solid"
 _AGAIN = "export or download it again"
-_SOLID = re.compile(rb"^[ \t]*(end)?solid\b[ \t]*([^\n]*)", re.IGNORECASE | re.MULTILINE)
+_SOLID = re.compile(rb"[ \t]*(end)?solid\b[ \t]*([^\n]*)", re.IGNORECASE)
 
 
 def read_stl(path: Location, content: bytes) -> list[Piece]:
@@ -30,24 +32,45 @@ def read_stl(path: Location, content: bytes) -> list[Piece]:
             text is no vertex.
     """
     content = check_stl(path, content)
-    if len(content) == HEADER + RECORD.itemsize * int.from_bytes(content[80:HEADER], "little"):
+    count = int.from_bytes(content[80:HEADER], "little")
+    if len(content) == HEADER + RECORD.itemsize * count:
+        _check_count(path, 3 * count)
         corners = np.frombuffer(content, RECORD, offset=HEADER)["corners"]
         return [_piece("", corners.reshape(-1, 3).astype(np.float64))]
     return list(_read_text(path, content.replace(b"\r\n", b"\n").replace(b"\r", b"\n")))
 
 
-def _piece(name: str, positions: Float[np.ndarray, "vertices 3"]) -> Piece:
-    """Make a piece of corners, three a triangle."""
-    return Piece(name, positions, np.arange(len(positions)).reshape(-1, 3))
+def _check_count(path: Location, corners: int) -> None:
+    """Refuse more corners than a closed surface has of as many vertices as are read."""
+    if corners > 6 * limits.VERTICES:
+        message = f"has more than {2 * limits.VERTICES} triangles; decimate it"
+        raise FormatError(path, "", message, code=Code.LIMIT_VERTICES)
+
+
+def _piece(name: str, corners: Float[np.ndarray, "corners 3"]) -> Piece:
+    """Make a piece of corners, three a triangle; those that are equal to the last bit are one."""
+    bits = np.ascontiguousarray(corners + 0.0).view(np.uint64)  # + 0.0: there is one zero only
+    keys = ((bits ^ (bits >> np.uint64(32))) * MIXERS).sum(axis=1)
+    _, first, key_of = np.unique(keys, return_index=True, return_inverse=True)
+    if (bits[first[key_of]] != bits).any():  # two positions with one key: as good as never
+        return Piece(name, corners, np.arange(len(corners)).reshape(-1, 3))
+    order = np.argsort(first)
+    place_of = np.empty_like(order)
+    place_of[order] = np.arange(len(order))
+    return Piece(name, corners[first[order]], place_of[key_of].reshape(-1, 3))
 
 
 def _read_text(path: Location, text: bytes) -> Iterator[Piece]:
     """Read the solids of a text."""
-    marks = list(_SOLID.finditer(text))
-    borders = [*(mark.start() for mark in marks), len(text)]
+    marks = list(_find_solids(text))
+    borders, count = [*(mark.start() for mark in marks), len(text)], 0
     for mark, end in zip(marks, borders[1:], strict=True):
-        parts = [np.zeros((0, 3))] if mark[1] else _read_vertices(path, text, mark.end(), end)
-        positions = np.concatenate([np.zeros((0, 3)), *parts])
+        parts = [np.zeros((0, 3))]
+        for block in () if mark[1] else _read_vertices(path, text, mark.end(), end):
+            parts.append(block)
+            count += len(block)
+            _check_count(path, count)
+        positions = np.concatenate(parts)
         if len(positions) % 3:
             message = f"{len(positions)} vertices are no whole triangles; {_AGAIN}"
             raise FormatError(path, _line_at(text, mark.start()), message, code=Code.MESH_DAMAGED)
@@ -56,6 +79,25 @@ def _read_text(path: Location, text: bytes) -> Iterator[Piece]:
     if not marks or not marks[-1][1]:
         message = "ends without endsolid: some of it may be missing"
         announce(path, message, code=Code.MESH_COUNT, where=_line_at(text, len(text)))
+
+
+def _find_solids(text: bytes) -> Iterator[re.Match[bytes]]:
+    """Find the lines that begin or end a solid; far quicker than by the pattern alone."""
+    for start in range(0, len(text), CHUNK):
+        letters = np.frombuffer(text, np.uint8)[start : start + CHUNK + len(SOLID)]
+        for place in start + _find_word(letters, SOLID):
+            line = text.rfind(b"\n", 0, place) + 1
+            mark = _SOLID.match(text, line)
+            if mark and place < start + CHUNK and line <= place < mark.start(2):
+                yield mark
+
+
+def _find_word(letters: UInt8[np.ndarray, " bytes"], word: bytes) -> Int[np.ndarray, " found"]:
+    """Find where a word stands, in small or large letters."""
+    found = np.flatnonzero((letters[: len(letters) - len(word) + 1] | SPACE) == word[0])
+    for place, letter in enumerate(word[1:], start=1):
+        found = found[(letters[found + place] | SPACE) == letter]
+    return found
 
 
 def _line_at(text: bytes, place: int) -> str:
@@ -80,9 +122,7 @@ def _read_block(
 ) -> Float[np.ndarray, "vertices 3"]:
     """Read the vertex lines of a block of whole lines."""
     letters = np.frombuffer(text, np.uint8, stop - start, start)
-    found = np.flatnonzero((letters[: -len(VERTEX)] | SPACE) == VERTEX[0])
-    for place, letter in enumerate(VERTEX[1:], start=1):
-        found = found[(letters[found + place] | SPACE) == letter]
+    found = _find_word(letters[:-1], VERTEX)
     found = found[letters[found + len(VERTEX)] <= SPACE]
     found = found[(found == 0) | (letters[found - 1] <= SPACE)]
     newlines = np.append(np.flatnonzero(letters == ord("\n")), len(letters))

@@ -31,6 +31,32 @@ def test_solids_are_pieces_however_the_text_is_cut(monkeypatch, chunk):
         np.testing.assert_array_equal(piece.positions, CORNERS)
 
 
+def test_corners_at_one_position_are_one_vertex_in_the_order_of_the_file():
+    other = TEXT.replace(b"solid a\n", b"").replace(b"vertex 0 0 0", b"vertex 1 1 -0")
+    (piece,) = read_stl("a.stl", TEXT.replace(b"endsolid a\n", b"") + other)
+    assert piece.positions.tolist() == [*CORNERS, [1, 1, 0]]
+    assert piece.faces.tolist() == [[0, 1, 2], [3, 1, 2]]
+
+
+def test_neighbouring_numbers_are_different_vertices():
+    rng = np.random.default_rng(0)
+    values = np.float32(1) + np.arange(64, dtype=np.float32) * np.float32(2**-23)
+    records = np.zeros(20000, stl.RECORD)
+    records["corners"] = rng.choice(values, (20000, 3, 3))
+    (piece,) = read_stl("a.stl", b"\0" * 80 + (20000).to_bytes(4, "little") + records.tobytes())
+    corners = records["corners"].reshape(-1, 3)
+    np.testing.assert_array_equal(piece.positions[piece.faces].reshape(-1, 3), corners)
+    assert len(piece.positions) == len(np.unique(corners, axis=0))
+
+
+def test_triangles_are_counted(monkeypatch):
+    monkeypatch.setattr(stl.limits, "VERTICES", 0)
+    binary = b"\0" * 80 + (1).to_bytes(4, "little") + b"\0" * 50
+    for content in (TEXT, binary):
+        with pytest.raises(FormatError, match="has more than 0 triangles"):
+            read_stl("a.stl", content)
+
+
 def test_numbers_that_only_python_reads_are_read():
     (piece,) = read_stl("a.stl", TEXT.replace(b"vertex 1 0 0", b"vertex 1_0 0 0"))
     assert piece.positions[1].tolist() == [10, 0, 0]
