@@ -89,7 +89,7 @@ def broken(change):
         (
             "/extensionsRequired",
             lambda j: j.update(extensionsRequired=["EXT_meshopt_compression"]),
-            "meshopt compressed",
+            "meshopt compressed; decompress it first: npx @gltf-transform/cli copy IN.glb OUT.glb",
         ),
     ],
 )
