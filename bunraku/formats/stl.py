@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterator
+from itertools import islice
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
@@ -11,7 +12,7 @@ from bunraku.errors import Code, announce
 from bunraku.formats.files import Location
 from bunraku.formats.obj_text import Lines, gather_words
 from bunraku.formats.pieces import Piece
-from bunraku.formats.text import SPACE, decode_text
+from bunraku.formats.text import NEWLINE, SPACE, decode_text
 from bunraku.types import FormatError
 
 UNCOUNTED = (0, 0xFFFFFFFF)
@@ -62,13 +63,16 @@ def _piece(name: str, corners: Float[np.ndarray, "corners 3"]) -> Piece:
 
 def _read_text(path: Location, text: bytes) -> Iterator[Piece]:
     """Read the solids of a text."""
-    marks = list(_find_solids(text))
+    marks = list(islice(_find_solids(text), 2 * limits.PIECES + 1))
+    if len(marks) > 2 * limits.PIECES:
+        message = f"has more than {limits.PIECES} solids; join them"
+        raise FormatError(path, "", message, code=Code.LIMIT_TOTAL)
     borders, count = [*(mark.start() for mark in marks), len(text)], 0
     for mark, end in zip(marks, borders[1:], strict=True):
         parts = [np.zeros((0, 3))]
-        for block in () if mark[1] else _read_vertices(path, text, mark.end(), end):
-            parts.append(block)
-            count += len(block)
+        for start, stop in () if mark[1] else _cut(text, mark.end(), end):
+            parts.append(_read_block(path, text, start, stop))
+            count += len(parts[-1])
             _check_count(path, count)
         positions = np.concatenate(parts)
         if len(positions) % 3:
@@ -83,13 +87,22 @@ def _read_text(path: Location, text: bytes) -> Iterator[Piece]:
 
 def _find_solids(text: bytes) -> Iterator[re.Match[bytes]]:
     """Find the lines that begin or end a solid; far quicker than by the pattern alone."""
-    for start in range(0, len(text), CHUNK):
-        letters = np.frombuffer(text, np.uint8)[start : start + CHUNK + len(SOLID)]
-        for place in start + _find_word(letters, SOLID):
-            line = text.rfind(b"\n", 0, place) + 1
-            mark = _SOLID.match(text, line)
-            if mark and place < start + CHUNK and line <= place < mark.start(2):
+    for start, stop in _cut(text, 0, len(text)):
+        letters = np.frombuffer(text, np.uint8, stop - start, start)
+        lines = np.append(0, np.flatnonzero(letters == NEWLINE) + 1)
+        line_of = np.searchsorted(lines, _find_word(letters, SOLID), side="right") - 1
+        for line in lines[np.unique(line_of)].tolist():
+            if mark := _SOLID.match(text, start + line):
                 yield mark
+
+
+def _cut(text: bytes, start: int, end: int) -> Iterator[tuple[int, int]]:
+    """Cut text into blocks of whole lines: where each begins and ends."""
+    while start < end:
+        stop = text.find(b"\n", min(start + CHUNK, end), end)
+        stop = end if stop < 0 else stop + 1
+        yield start, stop
+        start = stop
 
 
 def _find_word(letters: UInt8[np.ndarray, " bytes"], word: bytes) -> Int[np.ndarray, " found"]:
@@ -106,17 +119,6 @@ def _line_at(text: bytes, place: int) -> str:
     return f"line {count + 1}"
 
 
-def _read_vertices(
-    path: Location, text: bytes, start: int, end: int
-) -> Iterator[Float[np.ndarray, "vertices 3"]]:
-    """Read the vertex lines between two bytes, some ten thousand at a time."""
-    while start < end:
-        stop = text.find(b"\n", min(start + CHUNK, end), end)
-        stop = end if stop < 0 else stop + 1
-        yield _read_block(path, text, start, stop)
-        start = stop
-
-
 def _read_block(
     path: Location, text: bytes, start: int, stop: int
 ) -> Float[np.ndarray, "vertices 3"]:
@@ -125,7 +127,7 @@ def _read_block(
     found = _find_word(letters[:-1], VERTEX)
     found = found[letters[found + len(VERTEX)] <= SPACE]
     found = found[(found == 0) | (letters[found - 1] <= SPACE)]
-    newlines = np.append(np.flatnonzero(letters == ord("\n")), len(letters))
+    newlines = np.append(np.flatnonzero(letters == NEWLINE), len(letters))
     ends = newlines[np.searchsorted(newlines, found)]
     kinds = np.ones(len(found), np.int8)
     words = gather_words(Lines(path, letters, found, found + len(VERTEX), ends, kinds), 1)

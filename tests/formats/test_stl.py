@@ -49,6 +49,18 @@ def test_neighbouring_numbers_are_different_vertices():
     assert len(piece.positions) == len(np.unique(corners, axis=0))
 
 
+def test_solids_are_counted(monkeypatch):
+    monkeypatch.setattr(stl.limits, "PIECES", 1)
+    assert len(read_stl("a.stl", TEXT)) == 1
+    with pytest.raises(FormatError, match="has more than 1 solids; join them"):
+        read_stl("a.stl", TEXT * 2)
+
+
+def test_a_line_of_many_words_is_read_once():
+    (piece,) = read_stl("a.stl", b"solid" + b" solid" * 200_000 + TEXT[7:])
+    assert len(piece.positions) == 3
+
+
 def test_triangles_are_counted(monkeypatch):
     monkeypatch.setattr(stl.limits, "VERTICES", 0)
     binary = b"\0" * 80 + (1).to_bytes(4, "little") + b"\0" * 50

@@ -64,8 +64,9 @@ def _check_size(document: Document, groups: list[tuple[int, int, tuple[int, ...]
         position = primitives[0].attributes["POSITION"]
         stored[position] = gltf.accessors[position].count
         shown += stored[position]
-        indices = [position if item.indices is None else item.indices for item in primitives]
-        corners += sum(gltf.accessors[index].count for index in indices)
+        for item in primitives:
+            indices = position if item.indices is None else item.indices
+            corners += gltf.accessors[indices].count * (1 if item.mode == TRIANGLES else 3)
     message, code = "", Code.LIMIT_TOTAL
     if len(groups) > limits.PIECES:
         message = f"nodes show {len(groups)} meshes, at most {limits.PIECES} are read; join them"

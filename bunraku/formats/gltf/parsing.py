@@ -96,10 +96,15 @@ def _with_integers(value: Any) -> Any:
 
 def _stores_positions(gltf: Gltf) -> bool:
     """Tell whether any mesh is worth being shown: its positions are no mere placeholder."""
-    primitives = (primitive for mesh in gltf.meshes for primitive in mesh.primitives)
-    used = [item.attributes["POSITION"] for item in primitives if "POSITION" in item.attributes]
-    count = len(gltf.accessors)
-    return any(index >= count or not gltf.accessors[index].is_placeholder for index in used)
+    for primitive in (primitive for mesh in gltf.meshes for primitive in mesh.primitives):
+        index = primitive.attributes.get("POSITION")
+        if index is not None and (
+            primitive.extensions.draco is not None  # where they are is checked later
+            or index >= len(gltf.accessors)
+            or not gltf.accessors[index].is_placeholder
+        ):
+            return True
+    return False
 
 
 def _show_meshes(raw: dict[str, Any], count: int) -> dict[str, Any]:
