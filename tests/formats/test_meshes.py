@@ -38,10 +38,10 @@ def test_files_of_another_program_keep_order(cube, kind):
 
 
 @pytest.mark.parametrize("kind", ["stl", "stl_ascii"])
-def test_stl_is_as_stored_three_vertices_a_face(cube, kind):
+def test_an_stl_that_another_program_wrote_is_the_mesh(cube, kind):
     piece = read_one(exported(cube, kind), "stl")
-    np.testing.assert_allclose(piece.positions, cube.vertices[cube.faces].reshape(-1, 3))
-    np.testing.assert_array_equal(piece.faces, np.arange(36).reshape(-1, 3))
+    assert len(piece.positions) == 8
+    np.testing.assert_allclose(piece.positions[piece.faces], cube.vertices[cube.faces])
 
 
 @pytest.mark.parametrize(("encode", "kind"), [(encode_obj, "obj"), (encode_ply, "ply")])

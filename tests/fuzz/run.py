@@ -21,12 +21,13 @@ import time
 import traceback
 import warnings
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from functools import cache, lru_cache
 from pathlib import Path
 from types import FrameType
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -34,6 +35,7 @@ from bunraku.formats import (
     fbx,
     inspect,
     inspection,
+    meshes,
     read_character,
     read_figure,
     read_motion,
@@ -45,12 +47,14 @@ from tests.fuzz.folders import make_folders, mutate_folder, unpack_into
 from tests.fuzz.mutants import make_seeds, mutate
 
 FINDINGS = Path("fuzz-findings")
-SLOWEST = 5.0  # seconds that one small file may take
+SLOWEST = 5.0  # seconds of a processor that one small file may take
+CROWDED = 10  # times as long may pass meanwhile on a busy machine
 CHUNK = 500  # mutants that a worker reads at a time
 READERS = {"bvh": (read_motion,), "glb": (read_character, read_figure)}
 READERS["fbx"] = READERS["glb"]
 READERS["depth"] = (read_depth,)
 ESCAPED = "ESCAPED"
+T = TypeVar("T")
 
 
 class TooSlow(BaseException):
@@ -59,18 +63,25 @@ class TooSlow(BaseException):
 
 @contextmanager
 def limited(seconds: float) -> Iterator[None]:
-    """Interrupt what takes too long."""
+    """Interrupt what takes more of a processor, or many times longer, asleep or crowded out."""
 
     def stop(number: int, frame: FrameType | None) -> None:
         raise TooSlow(f"took more than {seconds} s")
 
-    previous = signal.signal(signal.SIGALRM, stop)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
+    timers = (
+        (signal.SIGPROF, signal.ITIMER_PROF, seconds),
+        (signal.SIGALRM, signal.ITIMER_REAL, CROWDED * seconds),
+    )
+    previous = [signal.signal(number, stop) for number, _, _ in timers]
+    for _, timer, limit in timers:
+        signal.setitimer(timer, limit)
     try:
         yield
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, previous)
+        for _, timer, _ in timers:
+            signal.setitimer(timer, 0.0)
+        for (number, _, _), handler in zip(timers, previous, strict=True):
+            signal.signal(number, handler)
 
 
 def read_all(path: Path, kind: str) -> str:
@@ -200,25 +211,32 @@ def memory() -> str | None:
     return "/dev/shm" if Path("/dev/shm").is_dir() else None
 
 
-def convert_once(path: Path, content: bytes) -> bytes:
-    """Convert an FBX that is read in three ways; or raise what converting it raised."""
-    result = _convert(path, content)
-    if isinstance(result, FormatError):
-        raise result
-    return result
+def once(function: Callable[..., T]) -> Callable[..., T]:
+    """Call a function once for the same arguments in a row, and raise the same error again."""
 
+    @lru_cache(maxsize=1)
+    def call(*arguments: Any) -> T | FormatError:
+        try:
+            return function(*arguments)
+        except FormatError as error:
+            return error
 
-@lru_cache(maxsize=1)
-def _convert(path: Path, content: bytes) -> bytes | FormatError:
-    try:
-        return fbx.convert_to_glb(path, content)
-    except FormatError as error:
-        return error
+    def give(*arguments: Any) -> T:
+        result = call(*arguments)
+        if isinstance(result, FormatError):
+            raise result
+        return result
+
+    return give
 
 
 def prepare() -> None:
-    """Print no warnings of readers: they are no findings, those of NumPy are; convert FBX once."""
-    reading.convert_to_glb = inspection.convert_to_glb = convert_once
+    """Print no warnings of readers: they are no findings, those of NumPy are.
+
+    What several readers of a mutant do first, they do once: the same function, the same content.
+    """
+    reading.convert_to_glb = inspection.convert_to_glb = once(fbx.convert_to_glb)
+    reading.read_pieces = inspection.read_pieces = once(meshes.read_pieces)
     warnings.simplefilter("error", RuntimeWarning)
     logging.getLogger("bunraku").addHandler(logging.NullHandler())
 
