@@ -128,7 +128,8 @@ def _read_block(
     found = found[letters[found + len(VERTEX)] <= SPACE]
     found = found[(found == 0) | (letters[found - 1] <= SPACE)]
     newlines = np.append(np.flatnonzero(letters == NEWLINE), len(letters))
-    ends = newlines[np.searchsorted(newlines, found)]
+    lines, first = np.unique(np.searchsorted(newlines, found), return_index=True)
+    found, ends = found[first], newlines[lines]  # a second one in a line is a word too many
     kinds = np.ones(len(found), np.int8)
     words = gather_words(Lines(path, letters, found, found + len(VERTEX), ends, kinds), 1)
     numbers = words.numbers(float) if (words.counts == 3).all() else None

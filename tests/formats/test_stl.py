@@ -91,6 +91,7 @@ def test_a_text_that_breaks_off_is_told(caplog):
         (b"\0" * 80, "claims 0 triangles, the file has bytes for 0"),
         (TEXT.replace(b"1 0 0", b"1 x 0"), "line 5: wanted vertex x y z, got 'vertex 1 x 0'"),
         (TEXT.replace(b"1 0 0", b"1 0"), "line 5: wanted vertex x y z"),
+        (TEXT.replace(b"1 0 0", b"1 vertex 0 0"), "line 5: wanted vertex x y z"),
         (TEXT.replace(b"vertex 1 0 0\n", b""), "line 1: 2 vertices are no whole triangles"),
     ],
 )
