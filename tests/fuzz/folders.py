@@ -37,7 +37,7 @@ def unpack_into(folder: Path, content: bytes) -> None:
     (folder / "mask").mkdir(parents=True)
     try:
         files = msgspec.msgpack.decode(content, type=Files)
-    except msgspec.DecodeError:
+    except (msgspec.DecodeError, UnicodeDecodeError):
         return
     for name, inside in files.items():
         if SAFE.fullmatch(name) and not (folder / name).is_dir():
@@ -67,7 +67,7 @@ def mutate_folder(content: bytes, rng: Generator) -> bytes:
     """Damage a folder once to four times."""
     try:
         files = msgspec.msgpack.decode(content, type=Files)
-    except msgspec.DecodeError:  # damaged without knowing what it is
+    except (msgspec.DecodeError, UnicodeDecodeError):  # damaged without knowing what it is
         return mutate(content, rng)
     for _ in range(int(rng.integers(1, 5))):
         if not files:
