@@ -49,7 +49,7 @@ class Code(Enum):
     OUT_PLACE = "an output cannot go where it should: no folder, no permission, or an input"
     OUT_FAILED = "writing failed (a full disk, for example); what was there before is untouched"
 
-    MESH_EMPTY = "there are no vertices, no faces or no mesh that is shown"
+    MESH_EMPTY = "there are no vertices, no faces, too few points or no mesh that is shown"
     MESH_HEADER = "the header is incomplete, or says what no header of its format says"
     MESH_COUNT = "a header claims more, or less, than the file has: it is cut or damaged"
     MESH_NUMBER = "a word is no number where one is needed"
@@ -90,7 +90,7 @@ class Code(Enum):
     RIG_MISSING = "there is no rig: neither a skin nor animated nodes"
     RIG_NO_SURFACE = "there is a rig, but no surface that it moves"
     RIG_VRM = "bones that a VRM names, or needs, are not there; the file may be no VRM any more"
-    SKIN_JOINTS = "joints of a skin are doubled, do not exist or share no root"
+    SKIN_JOINTS = "joints of a skin are doubled, do not exist, are not shown or share no root"
     SKIN_BIND = "inverse bind matrices are too few, not finite, flat or of different poses"
     SKIN_WEIGHTS = "skinning weights are not finite, negative, all zero or do not sum to 1"
     CLIP_MISSING = "there is no clip, or none of that name"

@@ -44,7 +44,7 @@ def test_every_code_is_used():
 
 @pytest.mark.parametrize(
     "path",
-    [path for path in SOURCES if path.parent.name in ("formats", "gltf")],
+    [path for path in SOURCES if path.parent.name in ("formats", "gltf", "fbx")],
     ids=lambda path: path.name,
 )
 def test_readers_and_writers_give_every_fault_a_code(path):

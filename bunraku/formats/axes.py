@@ -32,6 +32,7 @@ CLEARLY_TALLER = 1.15
 UPRIGHT = 2.2  # no four-legged body is longer than this times its height
 _CELLS = 32
 _SAMPLES = 3000
+_LINE = 1e-12  # area, of a figure of size 1, that points in a line span
 
 logger = logging.getLogger(__name__)
 
@@ -116,6 +117,10 @@ def _stands(
     ground = points[points[:, up] <= points[:, up].min() + CONTACT * np.ptp(points[:, up])][
         :, level
     ]
+    spokes = ground - ground[0]
+    longest = spokes[np.linalg.norm(spokes, axis=1).argmax()]
+    if np.abs(spokes @ [longest[1], -longest[0]]).max() < _LINE:
+        return False  # said at once; Qhull would take its time to say so
     try:
         equations = ConvexHull(ground).equations
     except (QhullError, ValueError):

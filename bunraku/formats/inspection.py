@@ -20,7 +20,7 @@ from bunraku.formats.files import Location, read_bytes
 from bunraku.formats.meshes import merge_pieces, read_pieces
 from bunraku.formats.reading import read_motion
 from bunraku.formats.sniffing import sniff
-from bunraku.formats.surfaces import check_surface, measure_surface
+from bunraku.formats.surfaces import check_cloud, check_surface, measure_surface
 from bunraku.skinning import forward_kinematics
 from bunraku.types import FormatError, Mesh
 
@@ -140,6 +140,7 @@ def _inspect(path: Location) -> Inspection:
     if kind == "gltf":
         return _inspect_gltf(found, content)
     pieces, materials = read_pieces(path, content, kind)
+    del content  # a text may be larger than what is in it
     mesh = merge_pieces(pieces)
     up = guess_up(mesh, kind)
     mesh = Mesh(mesh.vertices @ world_from_axes(up).T, mesh.faces)
@@ -172,6 +173,11 @@ def _inspect_gltf(found: Inspection, content: bytes) -> Inspection:
     )
     if mesh is None:
         return _add_bounds(found, told["places"])
+    if told["is_placeholder"]:
+        message = f"the places of {len(mesh.vertices)} vertices are not stored: no shape to animate"
+        announce(found.path, message, code=Code.MESH_NO_AREA, where="/meshes", level=NOTE)
+        found = replace(found, vertices=len(mesh.vertices), faces=len(mesh.faces))
+        return _add_bounds(found, mesh.vertices)
     _check_up(found.path, mesh)
     return _inspect_surface(found, mesh)
 
@@ -263,6 +269,7 @@ def _inspect_surface(found: Inspection, mesh: Mesh) -> Inspection:
     if not np.ptp(mesh.vertices, axis=0).any():
         message = "all vertices lie at one point; export it again with its shape"
         raise FormatError(found.path, "/meshes", message, code=Code.MESH_NO_AREA)
+    check_cloud(found.path, mesh)
     surface = measure_surface(mesh)
     check_surface(found.path, mesh, surface)
     found = _add_bounds(found, mesh.vertices[surface.used] if len(mesh.faces) else mesh.vertices)

@@ -32,6 +32,7 @@ NAMES = {
 MATRICES = ("intrinsic_matrix", "camera_matrix", "K", "k", "intrinsics", "matrix")
 NESTED = ("depth", "depth_intrinsics", "depth_camera", "intrinsics", "camera", "color")
 WANTED = "wanted fx, fy, cx, cy in pixels, width, height, depth_scale (units a metre) and fps"
+MOST = 1e9  # no number of a lens is as large, none that must be above 0 as small as 1 / MOST
 PER_METRE, FPS = 1000.0, 30.0  # what recorders mean when they do not say
 
 
@@ -62,10 +63,9 @@ def read_lens(path: Location, content: bytes) -> Lens:
     """
     try:
         told = msgspec.json.decode(content)
-    except msgspec.DecodeError as error:
-        raise FormatError(
-            path, "", f"is no JSON ({error}); {WANTED}", code=Code.DEPTH_INTRINSICS
-        ) from error
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        message = f"is no JSON ({str(error)[:60]}); {WANTED}"
+        raise FormatError(path, "", message, code=Code.DEPTH_INTRINSICS) from error
     if not isinstance(told, dict):
         raise FormatError(path, "", f"holds no JSON object; {WANTED}", code=Code.DEPTH_INTRINSICS)
     known = gather(told)
@@ -78,14 +78,15 @@ def read_lens(path: Location, content: bytes) -> Lens:
         if name not in known:
             message = f"tells no {name}; {fallback:g} is taken"
             announce(path, message, code=Code.DEPTH_INTRINSICS)
-    if any(told.get("coeffs") or told.get("distortion_coefficients") or ()):
+    bent = told.get("coeffs") or told.get("distortion_coefficients")
+    if isinstance(bent, list) and any(bent):
         message = "the lens's distortion is left out; undistort for more accuracy"
         announce(path, message, code=Code.DEPTH_INTRINSICS)
     return check_lens(path, Lens(**known))
 
 
-def gather(told: Mapping[str, Any]) -> dict[str, float]:
-    """Collect the numbers of a lens under our names, wherever a recorder put them."""
+def gather(told: Mapping[str, Any], *, levels: int = 4) -> dict[str, float]:
+    """Collect the numbers of a lens under our names, so many levels deep in a recorder's file."""
     known = azure_lens(told)
     for key in MATRICES:
         known |= numbers_of_matrix(told.get(key), by_column=key == "intrinsic_matrix")
@@ -93,12 +94,12 @@ def gather(told: Mapping[str, Any]) -> dict[str, float]:
         for spelling in spellings:
             value = told.get(spelling)
             if isinstance(value, int | float) and not isinstance(value, bool):
-                known[name] = float(value)
+                known[name] = float(max(min(value, MOST), -MOST)) if value == value else np.nan
                 break
     for key in NESTED:
         inner = told.get(key)
-        if isinstance(inner, dict) and "fx" not in known:
-            known = gather(inner) | known
+        if isinstance(inner, dict) and "fx" not in known and levels:
+            known = gather(inner, levels=levels - 1) | known
     return known
 
 
@@ -106,7 +107,7 @@ def numbers_of_matrix(matrix: object, *, by_column: bool) -> dict[str, float]:
     """Read fx, fy, cx, cy off a 3 x 3 matrix, as nested lists or nine numbers in a row."""
     try:
         rows = np.asarray(matrix, np.float64).reshape(3, 3)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         return {}
     if by_column and rows[2, 2] == 1 and not rows[:2, 2].any():
         rows = rows.T
@@ -125,7 +126,7 @@ def azure_lens(told: Mapping[str, Any]) -> dict[str, float]:
                 continue
             cx, cy, fx, fy = map(float, camera["Intrinsics"]["ModelParameters"][:4])
             width, height = float(camera["SensorWidth"]), float(camera["SensorHeight"])
-        except (KeyError, TypeError, ValueError):
+        except (KeyError, TypeError, ValueError, OverflowError):
             continue
         return {
             **{"fx": fx * width, "fy": fy * height},
@@ -142,13 +143,12 @@ def check_lens(path: Location, lens: Lens) -> Lens:
         FormatError: if a number is not finite, or not positive where it must be.
     """
     for name, value in vars(lens).items():
-        if not np.isfinite(value):
-            raise FormatError(
-                path, f"/{name}", f"is {value}; wanted a finite number", code=Code.DEPTH_INTRINSICS
-            )
-    for name in ("fx", "fy", "depth_scale", "fps"):
-        if getattr(lens, name) <= 0:
-            value = getattr(lens, name)
+        if not abs(value) < MOST:
+            message = f"is {value:g}; wanted a finite number below {MOST:g}"
+            raise FormatError(path, f"/{name}", message, code=Code.DEPTH_INTRINSICS)
+    for name in ("fx", "fy", "depth_scale", "fps", "width", "height"):
+        value = getattr(lens, name)
+        if value < 1 / MOST and (value or name not in ("width", "height")):
             raise FormatError(
                 path,
                 f"/{name}",

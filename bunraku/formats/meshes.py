@@ -11,12 +11,14 @@ from jaxtyping import Float, Int
 from bunraku import limits
 from bunraku.errors import Code, announce
 from bunraku.formats.files import Location
-from bunraku.formats.headers import check_ply, check_stl
+from bunraku.formats.headers import check_ply
 from bunraku.formats.obj import read_obj
 from bunraku.formats.off import read_off
 from bunraku.formats.pieces import Material, Piece
 from bunraku.formats.ply_polygons import split_polygons
+from bunraku.formats.ply_text import rewrite_as_binary
 from bunraku.formats.polygons import triangulate
+from bunraku.formats.stl import read_stl
 from bunraku.types import FormatError, Mesh
 
 
@@ -41,6 +43,9 @@ def read_pieces(path: Location, content: bytes, kind: str) -> tuple[list[Piece],
             f"has {count} vertices, at most {limits.VERTICES}; decimate it",
             code=Code.LIMIT_VERTICES,
         )
+    if len(pieces) > limits.PIECES:
+        message = f"has {len(pieces)} groups, at most {limits.PIECES} are read; join them"
+        raise FormatError(path, "", message, code=Code.LIMIT_TOTAL)
     for piece in pieces:
         _check_piece(path, piece)
     if not any(len(piece.faces) for piece in pieces):
@@ -56,7 +61,7 @@ def _read(path: Location, content: bytes, kind: str) -> tuple[list[Piece], list[
         case "ply":
             return _read_ply(path, content), []
         case "stl":
-            return _read_with_trimesh(path, check_stl(path, content), "stl"), []
+            return read_stl(path, content), []
     return [read_off(path, content)], []
 
 
@@ -85,11 +90,12 @@ def _check_piece(path: Location, piece: Piece) -> None:
 
 def _read_ply(path: Location, content: bytes) -> list[Piece]:
     """Read a PLY through trimesh; polygons of different sizes, which it refuses, apart."""
-    content, polygons = split_polygons(path, check_ply(path, content))
-    pieces = _read_with_trimesh(path, content, "ply")
+    content = rewrite_as_binary(path, check_ply(path, content))
+    content, polygons = split_polygons(path, content)
+    piece = _read_with_trimesh(path, content)
     if polygons is None:
-        return pieces
-    return [replace(pieces[0], faces=_cut_polygons(path, pieces[0].positions, *polygons))]
+        return [piece]
+    return [replace(piece, faces=_cut_polygons(path, piece.positions, *polygons))]
 
 
 def _cut_polygons(
@@ -111,17 +117,14 @@ def _cut_polygons(
     return corners[triangulate(positions, corners, starts)[0]]
 
 
-def _read_with_trimesh(path: Location, content: bytes, kind: str) -> list[Piece]:
-    """Let trimesh read a PLY or STL; whatever it raises becomes a FormatError."""
-    from trimesh.exchange import ply, stl  # takes 0.3 s, and only these two formats need it
+def _read_with_trimesh(path: Location, content: bytes) -> Piece:
+    """Let trimesh read a PLY; whatever it raises becomes a FormatError."""
+    from trimesh.exchange.ply import load_ply  # takes 0.3 s, and only this format needs it
 
     logging.getLogger("trimesh").addHandler(logging.NullHandler())  # it logs tracebacks
-    load = {"ply": ply.load_ply, "stl": stl.load_stl}[kind]
     try:
         with np.errstate(all="ignore"):
-            loaded = load(io.BytesIO(content))
-            solids = loaded.get("geometry") or {"": loaded}
-            return [_piece(path, name, solid) for name, solid in solids.items()]
+            return _piece(path, load_ply(io.BytesIO(content)))
     except FormatError:
         raise
     except Exception as error:  # trimesh raises almost anything on damaged files
@@ -129,12 +132,12 @@ def _read_with_trimesh(path: Location, content: bytes, kind: str) -> list[Piece]
         raise FormatError(
             path,
             "",
-            f"is a damaged {kind.upper()} file ({type(error).__name__}: {reason})",
+            f"is a damaged PLY file ({type(error).__name__}: {reason})",
             code=Code.MESH_DAMAGED,
         ) from None
 
 
-def _piece(path: Location, name: str, loaded: dict[str, Any]) -> Piece:
+def _piece(path: Location, loaded: dict[str, Any]) -> Piece:
     """Take the arrays that we keep out of trimesh's."""
     positions = np.asarray(loaded["vertices"], np.float64).reshape(-1, 3)
     faces = loaded.get("faces")
@@ -145,7 +148,7 @@ def _piece(path: Location, name: str, loaded: dict[str, Any]) -> Piece:
         faces = _cut_polygons(path, positions, faces.reshape(-1), starts)
     count = len(positions)
     return Piece(
-        name,
+        "",
         positions,
         faces,
         normals=_per_vertex(loaded.get("vertex_normals"), count),

@@ -25,12 +25,12 @@ from bunraku.formats.obj_text import (
     Words,
     count_slashes,
     gather_words,
-    parse_numbers,
     read_damaged,
     split_lines,
 )
 from bunraku.formats.pieces import Material, Piece
 from bunraku.formats.polygons import triangulate
+from bunraku.formats.text import parse_numbers
 from bunraku.types import FormatError
 
 ABSENT = -1

@@ -5,7 +5,6 @@ written unevenly.
 """
 
 import re
-import warnings
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,13 +13,20 @@ from jaxtyping import Int, Int8, Shaped, UInt8
 
 from bunraku.errors import Code
 from bunraku.formats.files import Location
-from bunraku.formats.text import UTF16_MARKS, decode_text
+from bunraku.formats.text import (
+    NEWLINE,
+    SPACE,
+    UTF16_MARKS,
+    decode_text,
+    find_words,
+    parse_numbers,
+)
 from bunraku.types import FormatError
 
 POSITION, UV, NORMAL, FACE, GROUP, USE, LIBRARY = range(1, 8)
 LONGEST_SHOWN = 50
-_SPACE, _NEWLINE, _SLASH = 32, 10, 47
-_BLANKS = bytes(_SPACE if byte < _SPACE else byte for byte in range(256))  # split() knows six
+_SLASH = 47
+_BLANKS = bytes(SPACE if byte < SPACE else byte for byte in range(256))  # split() knows six
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,19 +79,6 @@ class Words:
         return parse_numbers(self.text, len(self.starts), kind)
 
 
-def parse_numbers(text: bytes, count: int, kind: type) -> Shaped[np.ndarray, " numbers"] | None:
-    """Read `count` numbers between spaces; nothing if there is anything else."""
-    if not count:
-        return np.zeros(0, kind)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", DeprecationWarning)  # how NumPy says that it stopped
-            found: np.ndarray = np.fromstring(text, kind, sep=" ")
-    except (DeprecationWarning, ValueError):
-        return None
-    return found if len(found) == count else None
-
-
 def split_lines(path: Location, content: bytes) -> Lines:
     """Find the lines and their keywords; those that are continued become one, and blank ones."""
     if content[:2] in UTF16_MARKS:
@@ -95,9 +88,9 @@ def split_lines(path: Location, content: bytes) -> Lines:
     if b"\\\n" in content:  # the joined line comes first, blank ones keep the numbering
         content = re.sub(rb"(?:[^\n]*\\\n)+[^\n]*", _join, content)
     text = np.frombuffer(content or b"\n", np.uint8)
-    ends = np.concatenate([np.flatnonzero(text == _NEWLINE), [len(text)]])
+    ends = np.concatenate([np.flatnonzero(text == NEWLINE), [len(text)]])
     starts = np.concatenate([[0], ends[:-1] + 1])
-    for line in np.flatnonzero((_letters(text, starts) <= _SPACE) & (starts < ends)):
+    for line in np.flatnonzero((_letters(text, starts) <= SPACE) & (starts < ends)):
         indented = content[starts[line] : ends[line]]
         starts[line] += len(indented) - len(indented.lstrip())
     kinds, lengths = _find_keywords(content, text, starts, ends)
@@ -126,10 +119,10 @@ def _find_keywords(
     kinds, lengths = np.zeros(len(starts), np.int8), np.zeros(len(starts), np.int8)
     first, second, third = (_letters(text, starts + i) for i in range(3))
     for letter, kind in (("v", POSITION), ("f", FACE), ("o", GROUP), ("g", GROUP)):
-        here = (first == ord(letter)) & (second <= _SPACE)
+        here = (first == ord(letter)) & (second <= SPACE)
         kinds[here], lengths[here] = kind, 1
     for letter, kind in (("t", UV), ("n", NORMAL)):
-        here = (first == ord("v")) & (second == ord(letter)) & (third <= _SPACE)
+        here = (first == ord("v")) & (second == ord(letter)) & (third <= SPACE)
         kinds[here], lengths[here] = kind, 2
     for word, kind in ((b"usemtl", USE), (b"mtllib", LIBRARY)):
         for line in np.flatnonzero((first == word[0]) & (second == word[1])):
@@ -152,14 +145,7 @@ def gather_words(lines: Lines, kind: int) -> Words:
         text += b"\n"
     if b"#" in text:
         text = re.sub(rb"#[^\n]*", b"", text)
-    letters = np.frombuffer(text, np.uint8)
-    is_word = letters > _SPACE
-    begins = is_word.copy()
-    np.greater(is_word[1:], is_word[:-1], out=begins[1:])
-    starts = np.flatnonzero(begins)
-    borders = np.searchsorted(starts, np.flatnonzero(letters == _NEWLINE))
-    counts = np.diff(np.concatenate([[0], borders]))
-    return Words(found, text, starts, counts)
+    return Words(found, text, *find_words(text))
 
 
 def count_slashes(words: Words) -> Int[np.ndarray, " words"]:

@@ -14,6 +14,7 @@ from bunraku.formats.files import Location, read_bytes
 from bunraku.formats.meshes import merge_pieces, read_pieces
 from bunraku.formats.pieces import encode_pieces, turn_piece
 from bunraku.formats.sniffing import WANTED, sniff
+from bunraku.formats.surfaces import check_cloud
 from bunraku.types import Character, Clip, Figure, FormatError, Skeleton
 
 logger = logging.getLogger(__name__)
@@ -47,10 +48,14 @@ def read_figure(path: Location, *, up: str | None = None, facing: str | None = N
         kind, content = "gltf", convert_to_glb(path, content)
     if kind == "gltf":
         world_from_file[:3, :3] = world_from_axes(up or "y", facing)
-        return gltf.read_figure(path, content, world_from_file=world_from_file)
+        figure = gltf.read_figure(path, content, world_from_file=world_from_file)
+        check_cloud(path, figure.mesh)
+        return figure
     pieces, materials = read_pieces(path, content, kind)
+    mesh = merge_pieces(pieces)
+    check_cloud(path, mesh)
     if up is None:
-        up = guess_up(merge_pieces(pieces), kind)
+        up = guess_up(mesh, kind)
         logger.info("%s: %s is taken as up", path, up)
     turn = world_from_axes(up, facing)
     turned = [turn_piece(piece, turn) for piece in pieces]

@@ -8,10 +8,11 @@ from jaxtyping import Bool, Int
 from bunraku.errors import NOTE, WARNING, Code, announce
 from bunraku.formats.files import Location
 from bunraku.meshes import connected_parts, face_normals, referenced, weld
-from bunraku.types import Mesh
+from bunraku.types import FormatError, Mesh
 
 FLAT = 1e-4  # thickness of a sheet, as a share of the longest extent
 FEW_FACES = 100
+FEW_POINTS = 100  # of a cloud
 FEWEST_CUT = 12  # edges along which a half is cut off
 CUT = 1e-3  # of the width: so flat is a cut
 NO_AREA = 1e-14  # twice a face's area, as a share of the largest coordinate squared
@@ -62,6 +63,24 @@ def _multiplicities(keys: Int[np.ndarray, " keys"]) -> Int[np.ndarray, " differe
     return np.diff(np.concatenate([[0], borders, [len(keys)]])) if len(keys) else keys
 
 
+def check_cloud(path: Location, mesh: Mesh) -> None:
+    """Refuse points without faces that are too few, or too flat, to show a body.
+
+    Raises:
+        FormatError: if fewer than FEW_POINTS differ, or all lie in one plane of the axes.
+    """
+    if len(mesh.faces):
+        return
+    count, extent = len(np.unique(mesh.vertices, axis=0)), np.ptp(mesh.vertices, axis=0)
+    message = ""
+    if count < FEW_POINTS:
+        message = f"has no faces, and {count} points are too few for a cloud of a body"
+    elif extent.min() < FLAT * extent.max():
+        message = f"has no faces, and its {count} points lie in a plane: no body"
+    if message:
+        raise FormatError(path, "", f"{message}; export it as a mesh", code=Code.MESH_EMPTY)
+
+
 def check_surface(path: Location, mesh: Mesh, surface: Surface) -> None:
     """Announce what is odd about a surface."""
     if not len(mesh.faces):
@@ -76,9 +95,15 @@ def check_surface(path: Location, mesh: Mesh, surface: Surface) -> None:
         message = "is open along a plane at one side: a half? apply the mirror, and export again"
         announce(path, message, code=Code.MESH_HALF)
     flat = int(extent.min() < FLAT * extent.max())
+    is_crushed = count >= FEW_FACES and flat and extent.min() > 0
     odd = (
         (Code.MESH_ZERO_AREA, empty * (empty < count), "faces have no area", WARNING),
-        (Code.MESH_FLAT, flat, "sheet: the figure has no thickness", NOTE),
+        (
+            Code.MESH_FLAT,
+            flat,
+            "sheet: the figure has no thickness",
+            WARNING if is_crushed else NOTE,
+        ),
         (Code.MESH_FEW_FACES, count * (count < FEW_FACES), "faces are few", NOTE),
         (Code.MESH_UNUSED, int((~surface.used).sum()), "vertices belong to no face", NOTE),
         (Code.MESH_DOUBLED, _count_doubled(mesh.faces), "faces are there more than once", NOTE),

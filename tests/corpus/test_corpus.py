@@ -59,7 +59,7 @@ def test_findings_end_as_their_row_says(row, capsys):
 def test_every_finding_has_its_row():
     named = {row["path"] for row in read_rows(HERE / "ROWS.csv")}
     side_files = {".png", ".mtl", ".csv", ".py"}
-    found = {path.name for path in HERE.iterdir() if path.is_file()}
+    found = {path.name for path in HERE.iterdir() if not path.name.startswith((".", "__"))}
     assert {name for name in found if Path(name).suffix not in side_files} == named
 
 

@@ -94,8 +94,33 @@ def test_nodes_that_show_one_geometry_share_its_skin():
         objects.add("Model", number, "again\0\x01Model", "Mesh")
         links.add("C", "OO", 2, number)
     found = json_of([objects, links])
-    assert len(found["meshes"]) == 11
+    assert [node.get("mesh") for node in found["nodes"]] == [0, None, *[0] * 10]
     assert len(found["skins"]) == 1
+
+
+def many(count: int) -> list[Node]:
+    """Let many nodes show one geometry, each at another place."""
+    objects, links = box()
+    for number in range(5000, 5000 + count):
+        model = objects.add("Model", number, "again\0\x01Model", "Mesh")
+        properties(model, GeometricTranslation=[float(number), 0.0, 0.0])
+        links.add("C", "OO", 2, number)
+    return [objects, links]
+
+
+@pytest.mark.parametrize(
+    ("limit", "most", "words"),
+    [
+        ("PIECES", 10, "11 meshes are shown, at most 10 are read"),
+        ("REPEATED", 39, "more than 39 vertices are shown again"),
+        ("VERTICES", 43, "more than 43 vertices"),
+    ],
+)
+def test_copies_are_counted_before_they_are_written(monkeypatch, limit, most, words):
+    assert len(json_of(many(10))["meshes"]) == 11
+    monkeypatch.setattr(limits, limit, most)
+    with pytest.raises(FormatError, match=words):
+        convert_to_glb("a.fbx", encode(many(10)))
 
 
 def test_materials_are_counted_once(monkeypatch):

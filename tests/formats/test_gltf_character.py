@@ -273,3 +273,52 @@ def test_description_counts_what_is_there():
     assert (len(found["mesh"].vertices), len(found["mesh"].faces), found["joints"]) == (4, 2, 2)
     assert (found["skins"], found["meshes"], found["facing"]) == ([2], 1, "+z")
     assert describe("t.glb", made_triangle().glb())["joints"] == 0
+
+
+def doubled_arm(apart=0.0):
+    """The arm, whose shoulder is a joint of the skin twice; its second half hangs on the twin."""
+    made = made_arm()
+    bind = np.tile(np.eye(4), (3, 1, 1))
+    bind[1, 0, 3], bind[2, 0, 3] = -1, apart
+    made.json["skins"] = []
+    made.skin([1, 2, 1], bind)
+    weights = made.weights(
+        [[0, 2, 0, 0], [0, 1, 0, 0], [1, 0, 0, 0], [1, 0, 0, 0]],
+        [[0.5, 0.5, 0, 0], [0.5, 0.5, 0, 0], [1, 0, 0, 0], [1, 0, 0, 0]],
+    )
+    made.json["meshes"][0]["primitives"][0]["attributes"] |= weights
+    return made
+
+
+def test_a_joint_that_is_there_twice_is_one(caplog):
+    one = read_character("arm.glb", made_arm().glb())
+    other = read_character("arm.glb", doubled_arm().glb())
+    assert "1 joints are there more than once" in caplog.text
+    np.testing.assert_allclose(other.skin.weights, one.skin.weights)
+    np.testing.assert_allclose(
+        play_clip(other, other.clips[0]), play_clip(one, one.clips[0]), atol=1e-12
+    )
+
+
+def test_a_joint_that_was_bound_at_two_places_is_refused():
+    with pytest.raises(FormatError, match="node 1 is a joint twice, bound at two places"):
+        read_character("arm.glb", doubled_arm(apart=0.5).glb())
+
+
+def test_a_skin_without_one_number_among_its_weights_is_no_rig(caplog):
+    made = made_arm()
+    nothing = made.array(np.full((4, 4), np.nan), "VEC4")
+    made.json["meshes"][0]["primitives"][0]["attributes"]["WEIGHTS_0"] = nothing
+    assert len(read_figure("arm.glb", made.glb()).mesh.vertices) == 4  # its rig is replaced anyway
+    with pytest.raises(FormatError, match="not one skinning weight is a number"):
+        read_character("arm.glb", made.glb())
+    made.json["meshes"][0]["primitives"] += made_arm().json["meshes"][0]["primitives"]
+    assert len(read_character("arm.glb", made.glb()).mesh.vertices) == 8
+    assert "follow their neighbours" in caplog.text
+
+
+def test_joints_outside_the_scene_are_told(caplog):
+    made = made_arm()
+    made.json["scenes"][0]["nodes"] = [0]
+    read_character("arm.glb", made.glb())
+    assert "no joint is in the scene that shows the mesh" in caplog.text

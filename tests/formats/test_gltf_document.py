@@ -62,7 +62,6 @@ def broken(change):
         ("/scene", lambda j: j.update(scene=3), "scene 3 does not exist"),
         ("/scenes/0/nodes/0", lambda j: j["scenes"][0].update(nodes=[7]), "node 7"),
         ("/skins/0/joints/1", lambda j: j["skins"][0].update(joints=[1, 99]), "node 99"),
-        ("/skins/0/joints", lambda j: j["skins"][0].update(joints=[1, 1]), "twice"),
         ("/accessors/0/bufferView", lambda j: j["accessors"][0].update(bufferView=50), "50"),
         ("/accessors/0", lambda j: j["accessors"][0].update(count=500), "needs 2000 bytes"),
         ("/accessors/0/count", lambda j: j["accessors"][0].update(count=-4), ">= 1"),
@@ -90,7 +89,7 @@ def broken(change):
         (
             "/extensionsRequired",
             lambda j: j.update(extensionsRequired=["EXT_meshopt_compression"]),
-            "meshopt compressed",
+            "meshopt compressed; decompress it first: npx @gltf-transform/cli copy IN.glb OUT.glb",
         ),
     ],
 )

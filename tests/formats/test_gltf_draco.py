@@ -118,3 +118,11 @@ def test_inspection_reads_it(tmp_path):
     (tmp_path / "a.glb").write_bytes(pack(make_rigged()).glb())
     found = inspect(tmp_path / "a.glb")
     assert (found.vertices, found.closed, found.joints) == (8, True, 2)
+
+
+def test_packed_meshes_that_no_node_shows_are_shown(tmp_path, caplog):
+    made = pack(make_rigged())
+    del made.json["nodes"][2]["mesh"], made.json["nodes"][2]["skin"], made.json["animations"]
+    del made.json["skins"]
+    assert len(read_figure("a.glb", made.glb()).mesh.faces) == 12
+    assert "no node shows a mesh" in caplog.text

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from bunraku.formats.gltf import read_figure
+from bunraku import limits
+from bunraku.formats.gltf import geometry, read_figure
 from bunraku.types import FormatError
 from tests.formats.made_gltf import TRIANGLE, Made, made_arm, made_triangle
 
@@ -97,6 +98,50 @@ def test_a_file_of_points_is_a_point_cloud(caplog):
     mesh = read_figure("m.glb", made.glb()).mesh
     assert (len(mesh.vertices), len(mesh.faces)) == (5, 0)
     assert "point cloud" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("limit", "most", "words"),
+    [
+        ("PIECES", 4, "nodes show 5 meshes, at most 4 are read"),
+        ("REPEATED", 11, "nodes show more than 11 vertices again"),
+        ("VERTICES", 14, "more than 14 vertices"),
+    ],
+)
+def test_copies_are_counted_before_they_are_read(monkeypatch, limit, most, words):
+    made = made_triangle()
+    for _ in range(4):
+        made.json["scenes"][0]["nodes"].append(made.add("nodes", mesh=0))
+    assert len(read_figure("m.glb", made.glb()).mesh.vertices) == 15
+    monkeypatch.setattr(limits, limit, most)
+    monkeypatch.setattr(geometry, "read_positions", None)
+    with pytest.raises(FormatError, match=words):
+        read_figure("m.glb", made.glb())
+
+
+def test_corners_of_faces_that_share_few_vertices_are_counted(monkeypatch):
+    made = Made()
+    show(made.primitive(TRIANGLE, np.zeros((30, 3))), made=made)
+    monkeypatch.setattr(limits, "VERTICES", 15)
+    with pytest.raises(FormatError, match="zero area"):  # so many are read
+        read_figure("m.glb", made.glb())
+    monkeypatch.setattr(limits, "VERTICES", 14)
+    with pytest.raises(FormatError, match="more than 84 corners of faces"):
+        read_figure("m.glb", made.glb())
+
+
+def test_sets_of_weights_are_counted():
+    made = made_arm()
+    names = made.json["meshes"][0]["primitives"][0]["attributes"]
+    for number in range(1, 8):
+        names[f"JOINTS_{number}"], names[f"WEIGHTS_{number}"] = (
+            names["JOINTS_0"],
+            names["WEIGHTS_0"],
+        )
+    assert read_figure("arm.glb", made.glb()).document.blocks[0].weights.shape == (4, 32)
+    names["JOINTS_8"], names["WEIGHTS_8"] = names["JOINTS_0"], names["WEIGHTS_0"]
+    with pytest.raises(FormatError, match="more than 32 joints move a vertex"):
+        read_figure("arm.glb", made.glb())
 
 
 def test_world_from_file_turns_everything():

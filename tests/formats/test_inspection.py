@@ -10,6 +10,7 @@ from bunraku.formats import inspect, read_figure, write_mesh
 from bunraku.formats.inspection import ClipSummary
 from bunraku.types import FormatError, Mesh
 from tests.depth_folders import OURS, ball, write_folder
+from tests.formats.made_gltf import made_triangle
 from tests.fuzz.mutants import make_rigged
 
 
@@ -93,8 +94,8 @@ def test_odd_geometry_is_reported(told, cube):
     assert "MESH_FLAT" in codes(sheet)
 
 
-def test_points_are_a_warning(told, cube):
-    found = told(Mesh(cube.vertices, np.empty((0, 3), np.int64)))
+def test_points_are_a_warning(told):
+    found = told(Mesh(ellipsoid(2 * np.pi).vertices, np.empty((0, 3), np.int64)))
     assert codes(found)["MESH_POINTS"].severity == "warning"
     assert not found.closed
 
@@ -232,3 +233,43 @@ def test_half_a_body_is_told(told):
     bust = Mesh(half.vertices[:, [1, 0, 2]] * [1, -1, 1], half.faces)
     assert "MESH_HALF" not in codes(told(bust, "a.glb"))
     assert "MESH_HALF" not in codes(told(ellipsoid(2 * np.pi), "a.obj"))
+
+
+@pytest.mark.parametrize(
+    ("cloud", "words"),
+    [
+        (np.random.default_rng(0).random((99, 3)), "99 points are too few"),
+        (np.random.default_rng(0).random((10, 3)).repeat(50, axis=0), "10 points are too few"),
+        (np.random.default_rng(0).random((200, 3)) * [1, 1, 0], "200 points lie in a plane"),
+    ],
+)
+def test_a_cloud_that_shows_no_body_is_refused_by_all(told, tmp_path, cloud, words):
+    mesh = Mesh(cloud, np.zeros((0, 3), np.int64))
+    with pytest.raises(FormatError, match=words):
+        told(mesh, "a.ply")
+    with pytest.raises(FormatError, match=words):
+        read_figure(tmp_path / "a.ply")
+
+
+def test_a_crushed_figure_is_a_warning_and_a_sheet_a_note(told):
+    body = ellipsoid(2 * np.pi)
+    for thickness, severity in ((1e-6, "warning"), (0.0, "note")):
+        crushed = Mesh(body.vertices * [1, 1, thickness], body.faces)
+        assert codes(told(crushed, "a.obj"))["MESH_FLAT"].severity == severity
+
+
+def test_positions_that_are_not_stored_are_a_note(tmp_path):
+    made = made_triangle()
+    primitive = made.json["meshes"][0]["primitives"][0]
+    for accessor in (made.json["accessors"][i] for i in primitive["attributes"].values()):
+        del accessor["bufferView"]
+    (tmp_path / "a.glb").write_bytes(made.glb())
+    found = inspect(tmp_path / "a.glb")
+    assert [(f.code, f.severity) for f in found.faults] == [("MESH_NO_AREA", "note")]
+    assert (found.vertices, found.faces) == (3, 1)
+    with pytest.raises(FormatError, match="every triangle has zero area"):
+        read_figure(tmp_path / "a.glb")
+    del made.json["nodes"][0]["mesh"]  # neither stored nor shown: nothing is there
+    (tmp_path / "a.glb").write_bytes(made.glb())
+    with pytest.raises(FormatError, match="shows no mesh and holds no rig"):
+        inspect(tmp_path / "a.glb")

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from bunraku import limits
 from bunraku.formats.meshes import encode_obj, encode_ply, merge_pieces, read_pieces
 from bunraku.formats.pieces import Piece
 from bunraku.meshes import face_normals
@@ -37,10 +38,10 @@ def test_files_of_another_program_keep_order(cube, kind):
 
 
 @pytest.mark.parametrize("kind", ["stl", "stl_ascii"])
-def test_stl_is_as_stored_three_vertices_a_face(cube, kind):
+def test_an_stl_that_another_program_wrote_is_the_mesh(cube, kind):
     piece = read_one(exported(cube, kind), "stl")
-    np.testing.assert_allclose(piece.positions, cube.vertices[cube.faces].reshape(-1, 3))
-    np.testing.assert_array_equal(piece.faces, np.arange(36).reshape(-1, 3))
+    assert len(piece.positions) == 8
+    np.testing.assert_allclose(piece.positions[piece.faces], cube.vertices[cube.faces])
 
 
 @pytest.mark.parametrize(("encode", "kind"), [(encode_obj, "obj"), (encode_ply, "ply")])
@@ -51,6 +52,14 @@ def test_what_is_written_is_read_here_and_elsewhere(cube, rng, encode, kind):
     np.testing.assert_array_equal(piece.faces, mesh.faces)
     other = trimesh.load(trimesh.util.wrap_as_stream(encode(mesh)), file_type=kind, process=False)
     np.testing.assert_allclose(other.vertices, mesh.vertices, rtol=1e-6)
+
+
+def test_groups_are_counted(monkeypatch):
+    monkeypatch.setattr(limits, "PIECES", 1)
+    text = b"v 0 0 0\nv 1 0 0\nv 0 1 0\ng a\nf 1 2 3\n"
+    assert len(read_pieces("a.obj", text, "obj")[0]) == 1
+    with pytest.raises(FormatError, match="has 2 groups, at most 1 are read; join them"):
+        read_pieces("a.obj", text + b"g b\nf 1 2 3\n", "obj")
 
 
 def test_a_ply_without_faces_is_a_point_cloud(cube, caplog):

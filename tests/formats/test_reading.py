@@ -104,7 +104,7 @@ def test_outputs_of_no_known_suffix_are_refused(cube, tmp_path):
 
 
 def test_a_point_cloud_is_a_figure(tmp_path, rng, caplog):
-    cloud = Mesh(rng.normal(size=(50, 3)).astype(np.float32).astype(float), np.empty((0, 3), int))
+    cloud = Mesh(rng.normal(size=(150, 3)).astype(np.float32).astype(float), np.empty((0, 3), int))
     write_mesh(tmp_path / "a.ply", cloud)
     figure = read_figure(tmp_path / "a.ply", up="y")
     np.testing.assert_array_equal(figure.mesh.vertices, cloud.vertices)

@@ -4,10 +4,12 @@
 
 The same mutations and the same judge as in `run`; atheris steers by which branches of the readers
 a mutant took, and ends the program itself. Whatever escapes is printed, and kept in
-`fuzz-findings/`; the exit code is not 0 then.
+`fuzz-findings/`; the exit code is not 0 then. A search that hangs longer than any mutant may says
+where, and ends with code 1.
 """
 
 import argparse
+import faulthandler
 import itertools
 import os
 import resource
@@ -22,10 +24,10 @@ import numpy as np
 
 with atheris.instrument_imports(include=["bunraku.formats"], enable_loader_override=False):
     from tests.fuzz import run
-from tests.fuzz.mutants import mutate
 
 MIXED = 0.3  # share of mutations that are atheris's own, which know no structure
 LONGEST = 100_000  # bytes of a mutant
+PATIENCE = 30.0  # seconds after its time in which a search must have ended
 MEMORY = 2048  # MiB that the search may hold; a reader that wants more fails
 
 
@@ -37,6 +39,7 @@ def search(kind: str, *, seconds: float, seed: int) -> None:
     for number, content in enumerate(run.seeds_of(kind)):
         (seeds / str(number)).write_bytes(content)
 
+    faulthandler.dump_traceback_later(seconds + PATIENCE, exit=True)
     until, done = time.monotonic() + seconds, itertools.count(1)
 
     def read_one(content: bytes) -> None:
@@ -45,7 +48,7 @@ def search(kind: str, *, seconds: float, seed: int) -> None:
             shutil.rmtree(folder, ignore_errors=True)
             os._exit(0)
         next(done)
-        path.write_bytes(content)
+        run.store(path, content)
         try:
             with run.limited(run.SLOWEST):
                 run.read_all(path, kind)
@@ -57,7 +60,7 @@ def search(kind: str, *, seconds: float, seed: int) -> None:
         rng = np.random.default_rng(seed)
         if rng.random() < MIXED:
             return atheris.Mutate(content, longest)
-        return mutate(content, rng)[:longest]
+        return run.damage(kind, content, rng)[:longest]
 
     options = [f"-seed={seed + 1}", f"-max_len={LONGEST}"]
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss >> 10  # of whoever started this, too
@@ -73,11 +76,11 @@ def search(kind: str, *, seconds: float, seed: int) -> None:
 def main() -> None:
     """Run the command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("kind", choices=sorted(run.make_seeds()))
+    parser.add_argument("kind", choices=run.kinds())
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
-    run.be_quiet()
+    run.prepare()
     search(options.kind, seconds=options.seconds, seed=options.seed)
 
 

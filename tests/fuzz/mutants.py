@@ -7,6 +7,7 @@ value, chunk length or array element at a time, so that what is damaged gets far
 import json
 import struct
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,7 @@ WORDS = (
 )
 VALUES: tuple[Any, ...] = (None, True, False, "x", "", [], {}, [[]], {"a": 1}, "../x", "data:,", -1)
 NODE_COUNT = 4
+BLUNT = 0.15  # share of mutations that know no structure
 
 
 def cube() -> Mesh:
@@ -146,19 +148,20 @@ Frame Time: 0.0333333
 
 def mutate(content: bytes, rng: Generator) -> bytes:
     """Damage a file once to four times."""
-    for _ in range(int(rng.integers(1, 5))):
+    times = int(rng.integers(1, 5))
+    if content.startswith(MAGIC) and rng.random() > BLUNT:
+        return _mutate_fbx(content, rng, times=times)
+    for _ in range(times):
         content = _choose_mutation(content, rng)(content, rng) or b"\n"
     return content
 
 
 def _choose_mutation(content: bytes, rng: Generator) -> Callable[[bytes, Generator], bytes]:
     """Prefer what goes deep into a file of this kind."""
-    if rng.random() < 0.15:
+    if rng.random() < BLUNT or content.startswith(MAGIC):
         return _mutate_bytes
     if content.startswith(b"glTF"):
         return _mutate_glb
-    if content.startswith(MAGIC):
-        return _mutate_fbx
     return _mutate_text if b"\0" not in content[:64] or content[:3] == b"ply" else _mutate_arrays
 
 
@@ -243,25 +246,43 @@ def _mutate_glb(content: bytes, rng: Generator) -> bytes:
     if rng.random() < 0.25 and len(rest) > 16:
         rest = rest[:8] + _mutate_arrays(rest[8:], rng)
     else:
-        _mutate_json(document, rng)
+        mutate_json(document, rng)
     text = json.dumps(document).encode()
     text += b" " * (-len(text) % 4)
     body = struct.pack("<I", len(text)) + b"JSON" + text + rest
     return b"glTF" + struct.pack("<II", 2, 12 + len(body)) + body
 
 
-def _mutate_fbx(content: bytes, rng: Generator) -> bytes:
-    """Change a value, an element of an array or a record of an FBX file."""
+@lru_cache(maxsize=8)
+def _read_seed(content: bytes) -> Record | None:
+    """Read the records of a file that is damaged often; nothing if they are damaged already."""
     try:
-        root = read_records("mutant.fbx", content)
+        return read_records("seed.fbx", content)
     except FormatError:
+        return None
+
+
+def _mutate_fbx(content: bytes, rng: Generator, *, times: int) -> bytes:
+    """Change values, elements of arrays or records of an FBX file."""
+    root = _read_seed(content)
+    if root is None:
         return _mutate_arrays(content, rng)
-    records, places = [_as_node(record) for record in root.inside], list[tuple[list[Node], int]]()
+    records = [_as_node(record) for record in root.inside]
+    for _ in range(times):
+        _change_record(records, rng)
+    return encode(records, version=int.from_bytes(content[23:27], "little"), packed=True)
+
+
+def _change_record(records: list[Node], rng: Generator) -> None:
+    """Drop, double, rename or refill a record, or change one of its values."""
+    places = list[tuple[list[Node], int]]()
     waiting = [records]
     while waiting:
         owner = waiting.pop()
         places += [(owner, place) for place in range(len(owner))]
         waiting += [node.inside for node in owner]
+    if not places:
+        return
     owner, place = places[int(rng.integers(len(places)))]
     other, its = places[int(rng.integers(len(places)))]
     node = owner[place]
@@ -276,7 +297,6 @@ def _mutate_fbx(content: bytes, rng: Generator) -> bytes:
             node.values = other[its].values
         case _:
             node.values = _mutate_values(node.values, rng)
-    return encode(records, version=int.from_bytes(content[23:27], "little"), packed=True)
 
 
 def _as_node(record: Record | Node) -> Node:
@@ -291,9 +311,10 @@ def _mutate_values(values: tuple[Any, ...], rng: Generator) -> tuple[Any, ...]:
     changed, place = list(values), int(rng.integers(len(values)))
     number = NUMBERS[int(rng.integers(len(NUMBERS)))]
     match changed[place]:
-        case Packed() as packed:
+        case Packed() | np.ndarray() as numbers:
             try:
-                array = unpack("mutant.fbx", "", packed).copy()
+                plain = unpack("", "", numbers) if isinstance(numbers, Packed) else numbers
+                array = plain.copy()
             except FormatError:
                 return ()
             with np.errstate(all="ignore"):
@@ -312,7 +333,7 @@ def _mutate_values(values: tuple[Any, ...], rng: Generator) -> tuple[Any, ...]:
     return tuple(changed)
 
 
-def _mutate_json(document: Any, rng: Generator) -> None:
+def mutate_json(document: Any, rng: Generator) -> None:
     """Change one value somewhere in a tree of JSON."""
     places = _list_places(document)
     if not places:

@@ -81,6 +81,15 @@ def test_the_skin_stays_the_same(creature, figure, skin, change):
     np.testing.assert_allclose(weights, skin[old_of], atol=SAME)
 
 
+def test_the_skin_does_not_hang_on_which_axis_of_the_file_is_up(creature, figure, skin, tmp_path):
+    lying = Mesh(figure.vertices[:, [0, 2, 1]] * [1.0, -1.0, 1.0], figure.faces)
+    path = write(tmp_path, lying, "off")
+    found = read_figure(path, up="z", facing="-y").mesh
+    np.testing.assert_allclose(found.vertices, figure.vertices, atol=1e-12)
+    weights = animate_from_rig(creature, found, clips=()).character.skin.weights
+    np.testing.assert_allclose(weights, skin, atol=SAME)
+
+
 @pytest.fixture(scope="module")
 def rounded(figure) -> Mesh:
     """The figure with coordinates that every format holds exactly."""

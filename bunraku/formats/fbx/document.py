@@ -1,5 +1,6 @@
 """An FBX file as the glTF that it becomes: metres, Y up; one reader for all that follows."""
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -55,12 +56,12 @@ class _Writer:
         self.materials: dict[int, int] = {}
         self.read: dict[int, tuple[Surface | None, Binding | None]] = {}  # geometries, by number
         self.skins: dict[int, int] = {}  # by the number of the geometry, however many show it
-        self.vertices = 0
+        self.meshes: dict[int, dict[tuple[bytes, tuple[int, ...]], int]] = {}  # by number and look
+        self.vertices = self.repeated = 0
 
     def write(self) -> bytes:
         """Add everything, and give the file."""
-        for model in self.models:
-            self.draft.append("nodes", self._node(model))
+        self._add_nodes()
         for model in self.models:
             above = self.parents[model.number]
             if above is not None:
@@ -69,10 +70,12 @@ class _Writer:
         roots = [self.place[model.number] for model in self.models if self._is_root(model.number)]
         self.draft.json["scene"] = self.draft.append("scenes", {"nodes": roots} if roots else {})
         check_bindings(self.scene)
-        for model in self.models:
-            looks = list(self.scene.children(model, "Material"))
-            for geometry in self.scene.children(model, "Geometry", "Mesh"):
-                self._add_mesh(model, geometry, looks)
+        shown = [(model, each) for model in self.models for each in self._geometries(model)]
+        if len(shown) > limits.PIECES:
+            message = f"{len(shown)} meshes are shown, at most {limits.PIECES} are read; join them"
+            raise FormatError(self.scene.path, "", message, code=Code.LIMIT_TOTAL)
+        for model, geometry in shown:
+            self._show(model, geometry)
         for motion in read_motions(self.scene):
             self._add_clip(motion)
         self._announce_rest()
@@ -84,27 +87,37 @@ class _Writer:
     def _metric(self, number: int, parts: Parts) -> Parts:
         """Bring translation, rotation and scale of a node to metres; of a root, to Y up."""
         moved, rotations, scales = parts
-        moved = moved * self.unit
-        if self._is_root(number):
-            moved, rotations = moved @ self.turn.T, self.turn @ rotations
+        with np.errstate(all="ignore"):
+            moved = moved * self.unit
+            if self._is_root(number):
+                moved, rotations = moved @ self.turn.T, self.turn @ rotations
         if not all(np.isfinite(part).all() for part in (moved, rotations, scales)):
             message = "is placed by numbers that are not finite or too large; apply transforms"
             where = self.scene.things[number].where
             raise FormatError(self.scene.path, where, message, code=Code.NODE_TRANSFORM)
         return moved, rotations, scales
 
-    def _node(self, model: Thing) -> dict[str, Any]:
-        """Make the node of a model."""
-        moved, rotations, scales = self._metric(model.number, place_still(model))
-        return {
-            "name": model.name or f"node_{self.place[model.number]}",
-            "translation": moved[0].tolist(),
-            "rotation": matrices_to_quaternions(rotations)[0].tolist(),
-            "scale": scales[0].tolist(),
-        }
+    def _geometries(self, model: Thing) -> Iterator[Thing]:
+        return self.scene.children(model, "Geometry", "Mesh")
 
-    def _add_mesh(self, model: Thing, geometry: Thing, looks: list[Thing]) -> None:
-        """Add a geometry as the mesh of a model's node; of a second one, of a node below."""
+    def _add_nodes(self) -> None:
+        """Make a node for each model."""
+        places = [self._metric(model.number, place_still(model)) for model in self.models]
+        turns = [rotations for _, rotations, _ in places] or [np.zeros((0, 3, 3))]
+        quaternions = matrices_to_quaternions(np.concatenate(turns)).tolist()
+        for model, (moved, _, scales), rotation in zip(
+            self.models, places, quaternions, strict=True
+        ):
+            node = {
+                "name": model.name or f"node_{self.place[model.number]}",
+                "translation": moved[0].tolist(),
+                "rotation": rotation,
+                "scale": scales[0].tolist(),
+            }
+            self.draft.append("nodes", node)
+
+    def _show(self, model: Thing, geometry: Thing) -> None:
+        """Show a geometry by the node of a model; a second one by a node below."""
         if geometry.number not in self.read:
             surface = read_surface(self.scene, geometry)
             binding = None if surface is None else read_binding(self.scene, geometry, surface)
@@ -112,17 +125,7 @@ class _Writer:
         surface, binding = self.read[geometry.number]
         if surface is None:
             return
-        self.vertices += len(surface.point_of)
-        if self.vertices > limits.VERTICES:
-            message = f"more than {limits.VERTICES} vertices; decimate it first"
-            raise FormatError(self.scene.path, "", message, code=Code.LIMIT_VERTICES)
-        placed = node_from_geometry(self.scene, model)
-        points = (surface.points @ placed[:3, :3].T + placed[:3, 3]) * self.unit
-        normals = None
-        if surface.normals is not None and abs(np.linalg.det(placed[:3, :3])) > 1e-12:
-            normals = surface.normals @ np.linalg.inv(placed[:3, :3])
-        primitives = self._primitives(looks, surface, (points, normals), binding)
-        mesh = self.draft.append("meshes", {"name": model.name, "primitives": primitives})
+        mesh = self._add_mesh(model, geometry, surface, binding)
         node = self.draft.json["nodes"][self.place[model.number]]
         if "mesh" in node:
             below = self.draft.append("nodes", {"name": f"{model.name}_{mesh}"})
@@ -133,6 +136,39 @@ class _Writer:
             if geometry.number not in self.skins:
                 self.skins[geometry.number] = self._add_skin(binding)
             node["skin"] = self.skins[geometry.number]
+
+    def _add_mesh(
+        self, model: Thing, geometry: Thing, surface: Surface, binding: Binding | None
+    ) -> int:
+        """Add a geometry as a model shows it, unless another one shows it so."""
+        looks = list(self.scene.children(model, "Material"))
+        placed = node_from_geometry(self.scene, model)
+        known = self.meshes.setdefault(geometry.number, {})
+        key = placed.tobytes(), tuple(look.number for look in looks)
+        if key in known:
+            return known[key]
+        self._count(len(surface.point_of), is_again=bool(known))
+        points = (surface.points @ placed[:3, :3].T + placed[:3, 3]) * self.unit
+        normals = None
+        if surface.normals is not None and abs(np.linalg.det(placed[:3, :3])) > 1e-12:
+            normals = surface.normals @ np.linalg.inv(placed[:3, :3])
+        primitives = self._primitives(looks, surface, (points, normals), binding)
+        mesh = {"name": model.name, "primitives": primitives}
+        known[key] = self.draft.append("meshes", mesh)
+        return known[key]
+
+    def _count(self, vertices: int, *, is_again: bool) -> None:
+        """Refuse more vertices than are read, before they are written."""
+        self.vertices += vertices
+        self.repeated += vertices * is_again
+        message, code = "", Code.LIMIT_TOTAL
+        if self.vertices > limits.VERTICES:
+            message = f"more than {limits.VERTICES} vertices; decimate it first"
+            code = Code.LIMIT_VERTICES
+        elif self.repeated > limits.REPEATED:
+            message = f"more than {limits.REPEATED} vertices are shown again; leave out the copies"
+        if message:
+            raise FormatError(self.scene.path, "", message, code=code)
 
     def _primitives(
         self,

@@ -28,8 +28,9 @@ def turn(degrees: Vectors, order: str = "xyz") -> Float[np.ndarray, "frames 3 3"
     return Rotation.from_euler(order, degrees[:, columns], degrees=True).as_matrix()
 
 
+@np.errstate(all="ignore")  # whoever asks refuses what is not finite
 def place_node(node: Thing, translations: Vectors, degrees: Vectors, scales: Vectors) -> Parts:
-    """Give translation, rotation and scale below the parent, for each frame."""
+    """Give translation, rotation and scale below the parent, for each frame; finite or not."""
     order = ORDERS[min(max(int(node.number_of("RotationOrder")), 0), len(ORDERS) - 1)]
     before, after = (turn(node.vector(name)[None])[0] for name in ("PreRotation", "PostRotation"))
     rotations = before @ turn(degrees, order) @ after.T

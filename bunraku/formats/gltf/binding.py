@@ -15,6 +15,7 @@ from bunraku.formats.gltf.placement import agree_on_placement
 from bunraku.formats.gltf.tree import Tree
 from bunraku.types import NO_PARENT
 
+SAME_MATRIX = 1e-5  # of the largest number: so alike are the matrices of one joint
 MOVING_PATHS = ("translation", "rotation", "scale")
 Matrix = Float[np.ndarray, "4 4"]
 
@@ -51,7 +52,23 @@ def read_inverse_bind(document: Document, skin: int) -> Float[np.ndarray, "joint
     if flat.any():
         message = f"matrix {int(flat.argmax())} is NaN or cannot be inverted; bind the mesh again"
         raise document.fault(where, message, code=Code.SKIN_BIND)
+    _check_doubled(document, skin, matrices)
     return matrices
+
+
+def _check_doubled(
+    document: Document, skin: int, matrices: Float[np.ndarray, "joints 4 4"]
+) -> None:
+    """Refuse a node that is twice a joint of a skin, and was bound at two places."""
+    joints = document.gltf.skins[skin].joints
+    place = {node: place for place, node in enumerate(joints)}
+    twins = matrices[[place[node] for node in joints]]
+    apart = np.abs(matrices - twins).max(axis=(1, 2)) > SAME_MATRIX * np.abs(twins).max(axis=(1, 2))
+    if apart.any():
+        message = f"node {joints[int(apart.argmax())]} is a joint twice, bound at two places"
+        raise document.fault(
+            f"/skins/{skin}/joints", f"{message}; bind the mesh again", code=Code.SKIN_JOINTS
+        )
 
 
 def bind_skins(document: Document, tree: Tree, blocks: list[Block]) -> Binding:
@@ -99,8 +116,9 @@ def _gather_poses(document: Document, tree: Tree, blocks: list[Block]) -> list[_
     mass, poses = _weigh_skins(document, blocks), list[_Pose]()
     for skin in sorted(mass, key=lambda index: (-mass[index].sum(), index)):
         inverse_bind = read_inverse_bind(document, skin)
-        joints = dict(zip(document.gltf.skins[skin].joints, inverse_bind, strict=True))
-        weights = dict(zip(joints, mass[skin].tolist(), strict=True))
+        listed = document.gltf.skins[skin].joints  # of a node that is there twice, the last counts
+        joints = dict(zip(listed, inverse_bind, strict=True))
+        weights = dict(zip(listed, mass[skin].tolist(), strict=True))
         for pose in poses:
             pose_from_mesh = _match_pose(pose, joints)
             if pose_from_mesh is not None:

@@ -73,6 +73,7 @@ def build_rig(document: Document, tree: Tree, blocks: list[Block]) -> Rig:
     if len(binding.bind) > limits.JOINTS:
         message = f"{len(binding.bind)} joints, at most {limits.JOINTS} are read; leave some out"
         raise document.fault("/nodes", message, code=Code.LIMIT_JOINTS)
+    _check_weights(document, blocks)
     _announce_roots(document, tree)
     nodes, parents = sort_joints(tree, set(binding.bind))
     bind = np.stack([binding.bind[node] for node in nodes])
@@ -88,13 +89,25 @@ def build_rig(document: Document, tree: Tree, blocks: list[Block]) -> Rig:
     return Rig(nodes, binding, rest, skeleton, read_clips(document, tree, frames))
 
 
+def _check_weights(document: Document, blocks: list[Block]) -> None:
+    """Refuse a rig of which no weight at all is a number: there is nothing to repair from."""
+    skinned = [block for block in blocks if block.is_skinned]
+    if skinned and all(block.lost_weights == len(block.vertices) for block in skinned):
+        message = "not one skinning weight is a number; bind the mesh again"
+        raise document.fault("/meshes", message, code=Code.SKIN_WEIGHTS)
+
+
 def _announce_roots(document: Document, tree: Tree) -> None:
-    """Warn of skins whose joints hang on different roots, so that nothing moves them together."""
+    """Warn of skins whose joints are not shown, or hang on different roots and move apart."""
     root = np.arange(len(tree.parents))
     for node in tree.order:
         if tree.parents[node] != NO_PARENT:
             root[node] = root[tree.parents[node]]
+    used = {node.skin for node in document.gltf.nodes if node.skin is not None}
     for index, skin in enumerate(document.gltf.skins):
+        if index in used and not tree.is_shown[skin.joints].any():
+            message = "no joint is in the scene that shows the mesh; export them together"
+            document.warn(f"/skins/{index}/joints", message, code=Code.SKIN_JOINTS)
         count = len(np.unique(root[skin.joints]))
         if count > 1:
             message = f"joints hang on {count} roots; each part moves by itself"

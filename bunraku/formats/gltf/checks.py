@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from bunraku import limits
-from bunraku.errors import Code
+from bunraku.errors import Code, announce
 from bunraku.formats.gltf.schema import COMPONENTS, WIDTHS, Accessor, Gltf
 from bunraku.types import FormatError
 
@@ -23,9 +23,10 @@ def check_references(path: str, gltf: Gltf) -> None:
         if len(skin.joints) > limits.JOINTS:
             message = f"{len(skin.joints)} joints, at most {limits.JOINTS} are read; split the skin"
             raise FormatError(path, f"/skins/{s}/joints", message, code=Code.LIMIT_JOINTS)
-        if len(set(skin.joints)) < len(skin.joints):
-            message = "a node is twice a joint of the skin; export the skin again"
-            raise FormatError(path, f"/skins/{s}/joints", message, code=Code.SKIN_JOINTS)
+        again = len(skin.joints) - len(set(skin.joints))
+        if again:
+            message = f"{again} joints are there more than once; their weights are added up"
+            announce(path, message, code=Code.SKIN_JOINTS, where=f"/skins/{s}/joints")
 
 
 def check_ranges(path: str, gltf: Gltf) -> None:

@@ -10,7 +10,7 @@ from bunraku.formats.gltf.character import Rig, build_rig
 from bunraku.formats.gltf.document import Document
 from bunraku.formats.gltf.draco import read_unpacked
 from bunraku.formats.gltf.figure import build_figure
-from bunraku.formats.gltf.geometry import read_blocks
+from bunraku.formats.gltf.geometry import Block, read_blocks
 from bunraku.formats.gltf.tree import Tree, build_tree
 
 SAME_PLACE = 1e-3  # of the longest extent: joints so near to where their nodes stand did not move
@@ -24,9 +24,10 @@ def describe(path: Location, content: bytes | None = None) -> dict[str, Any]:
         content: its bytes, if they are known already.
 
     Returns:
-        mesh (in the bind pose; nothing if none is shown), meshes, primitives, materials, textures,
-        skins (joints of each), joints, places (of the joints), bind (see `name_bind`), clips (name,
-        seconds, frames), facing, extensions_used and extensions_required.
+        mesh (in the bind pose; nothing if none is shown), is_placeholder (no position of it is
+        stored), meshes, primitives, materials, textures, skins (joints of each), joints, places (of
+        the joints), bind (see `name_bind`), clips (name, seconds, frames), facing, extensions_used
+        and extensions_required.
 
     Raises:
         FormatError: if any part of it cannot be trusted.
@@ -40,6 +41,7 @@ def describe(path: Location, content: bytes | None = None) -> dict[str, Any]:
     clips = rig.clips if rig else ()
     return {
         "mesh": build_figure(document, tree, blocks).mesh if blocks else None,
+        "is_placeholder": _is_placeholder(document, blocks),
         "meshes": len(gltf.meshes),
         "primitives": sum(len(mesh.primitives) for mesh in gltf.meshes),
         "materials": len(gltf.materials),
@@ -53,6 +55,16 @@ def describe(path: Location, content: bytes | None = None) -> dict[str, Any]:
         "extensions_used": gltf.extensions_used,
         "extensions_required": gltf.extensions_required,
     }
+
+
+def _is_placeholder(document: Document, blocks: list[Block]) -> bool:
+    """Tell that no position is stored in the file: zeros, which glTF takes for them, are shown."""
+    gltf, used = document.gltf, list[int]()
+    for block in blocks:
+        mesh = gltf.nodes[block.node].mesh
+        assert mesh is not None
+        used.append(gltf.meshes[mesh].primitives[block.primitives[0]].attributes["POSITION"])
+    return bool(used) and all(gltf.accessors[index].is_placeholder for index in used)
 
 
 def name_bind(document: Document, tree: Tree, rig: Rig) -> str:

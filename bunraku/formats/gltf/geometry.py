@@ -15,6 +15,7 @@ from bunraku.formats.gltf.tree import Tree
 
 POINTS, TRIANGLES, STRIP, FAN = 0, 4, 5, 6
 SURFACE = {TRIANGLES, STRIP, FAN}
+CORNERS = 6  # of faces, a vertex: as many as there are in a closed surface
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +28,7 @@ class Block:
     faces: Int[np.ndarray, "faces 3"]  # counted from the block's first vertex
     joints: Int[np.ndarray, "vertices influences"]  # places in the skin's list of joints
     weights: Float[np.ndarray, "vertices influences"]  # rows sum to 1; no columns if unskinned
+    lost_weights: int = 0  # vertices of whose weights nothing was a number
 
     @property
     def is_skinned(self) -> bool:
@@ -47,18 +49,40 @@ def read_blocks(document: Document, tree: Tree) -> list[Block]:
     wanted = SURFACE if modes & SURFACE else {POINTS}
     if modes and not modes & SURFACE:
         document.warn("", "has no faces; it is taken as a point cloud", code=Code.MESH_POINTS)
-    blocks = [block for node, mesh in pairs for block in _read_mesh(document, node, mesh, wanted)]
-    if sum(len(block.vertices) for block in blocks) > limits.VERTICES:
-        raise document.fault(
-            "/meshes",
-            f"more than {limits.VERTICES} vertices; decimate it first",
-            code=Code.LIMIT_VERTICES,
-        )
-    return blocks
+    groups = [
+        (node, mesh, group) for node, mesh in pairs for group in _group(document, mesh, wanted)
+    ]
+    _check_size(document, groups)
+    return [_read_block(document, *group) for group in groups]
 
 
-def _read_mesh(document: Document, node: int, mesh: int, wanted: set[int]) -> list[Block]:
-    """Read a mesh as one node shows it, primitives over the same vertices together."""
+def _check_size(document: Document, groups: list[tuple[int, int, tuple[int, ...]]]) -> None:
+    """Refuse more pieces or vertices than are read, in plain integers, before any is read."""
+    gltf, shown, corners, stored = document.gltf, 0, 0, dict[int, int]()
+    for _, mesh, group in groups:
+        primitives = [gltf.meshes[mesh].primitives[index] for index in group]
+        position = primitives[0].attributes["POSITION"]
+        stored[position] = gltf.accessors[position].count
+        shown += stored[position]
+        for item in primitives:
+            indices = position if item.indices is None else item.indices
+            corners += gltf.accessors[indices].count * (1 if item.mode == TRIANGLES else 3)
+    message, code = "", Code.LIMIT_TOTAL
+    if len(groups) > limits.PIECES:
+        message = f"nodes show {len(groups)} meshes, at most {limits.PIECES} are read; join them"
+    elif shown > limits.VERTICES:
+        message = f"more than {limits.VERTICES} vertices; decimate it first"
+        code = Code.LIMIT_VERTICES
+    elif corners > CORNERS * limits.VERTICES:
+        message = f"more than {CORNERS * limits.VERTICES} corners of faces; decimate it first"
+    elif shown - sum(stored.values()) > limits.REPEATED:
+        message = f"nodes show more than {limits.REPEATED} vertices again; leave out the copies"
+    if message:
+        raise document.fault("/meshes", message, code=code)
+
+
+def _group(document: Document, mesh: int, wanted: set[int]) -> list[tuple[int, ...]]:
+    """Put the primitives of a mesh together that share their vertices; tell what is left out."""
     groups: dict[tuple[int, ...], list[int]] = {}
     for index, primitive in enumerate(document.gltf.meshes[mesh].primitives):
         where = f"/meshes/{mesh}/primitives/{index}"
@@ -76,7 +100,7 @@ def _read_mesh(document: Document, node: int, mesh: int, wanted: set[int]) -> li
             )
         else:
             groups.setdefault(_vertex_buffer(primitive), []).append(index)
-    return [_read_block(document, node, mesh, tuple(group)) for group in groups.values()]
+    return [tuple(group) for group in groups.values()]
 
 
 def _vertex_buffer(primitive: Primitive) -> tuple[int, ...]:
@@ -93,8 +117,8 @@ def _read_block(document: Document, node: int, mesh: int, group: tuple[int, ...]
         where = f"/meshes/{mesh}/primitives/{index}"
         faces.append(_read_faces(document, where, primitives[index], len(vertices)))
     where = f"/meshes/{mesh}/primitives/{group[0]}"
-    joints, weights = read_influences(document, node, where, vertices=vertices)
-    return Block(node, group, vertices, np.concatenate(faces), joints, weights)
+    moved = read_influences(document, node, where, vertices=vertices)
+    return Block(node, group, vertices, np.concatenate(faces), *moved)
 
 
 def read_positions(document: Document, accessor: int) -> Float[np.ndarray, "vertices 3"]:

@@ -4,17 +4,18 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import cKDTree
 
-from bunraku.errors import Code
+from bunraku.errors import NOTE, WARNING, Code
 from bunraku.formats.gltf.accessors import read_floats, read_integers
 from bunraku.formats.gltf.document import Document
 
+MOST_SETS = 8  # of four joints each, that move a vertex
 Joints = Int[np.ndarray, "vertices influences"]
 Weights = Float[np.ndarray, "vertices influences"]
 
 
 def read_influences(
     document: Document, node: int, where: str, *, vertices: Float[np.ndarray, "vertices 3"]
-) -> tuple[Joints, Weights]:
+) -> tuple[Joints, Weights, int]:
     """Read all sets of JOINTS and WEIGHTS of a primitive side by side.
 
     Args:
@@ -24,7 +25,8 @@ def read_influences(
         vertices: the primitive's positions, to repair what has no weight at all.
 
     Returns:
-        joints as places in the skin's list and weights of sum 1; no columns if no skin moves it.
+        joints as places in the skin's list and weights of sum 1, no columns if no skin moves it;
+        and how many vertices had no weight that is a number.
 
     Raises:
         FormatError: if a joint is not in the skin, or arrays differ in length.
@@ -35,7 +37,7 @@ def read_influences(
             document.warn(
                 where, "has a skin but no weights; it follows its node", code=Code.SKIN_WEIGHTS
             )
-        return np.zeros((len(vertices), 0), np.int64), np.zeros((len(vertices), 0))
+        return np.zeros((len(vertices), 0), np.int64), np.zeros((len(vertices), 0)), 0
     parts = [read_integers(document, joints, 4) for joints, _ in sets]
     shares = [read_floats(document, weights, 4) for _, weights in sets]
     if {len(part) for part in (*parts, *shares)} != {len(vertices)}:
@@ -51,8 +53,15 @@ def read_influences(
             f"{where}/attributes/JOINTS_0", f"{message}; bind the mesh again", code=Code.SKIN_JOINTS
         )
     joints = np.where(joints < count, joints, 0)
+    place = {node: place for place, node in enumerate(document.gltf.skins[skin].joints)}
+    if len(place) < count:  # a node that is twice a joint: its last place stands for all
+        joints = np.array([place[node] for node in document.gltf.skins[skin].joints])[joints]
+    lost = int((~np.isfinite(weights)).all(axis=1).sum())
     weights = _clean_weights(document, where, weights)
-    return _fill_gaps(document, where, joints, weights=weights, vertices=vertices)
+    given = any(not document.gltf.accessors[shares].is_placeholder for _, shares in sets)
+    level = WARNING if given else NOTE
+    filled = _fill_gaps(document, where, joints, weights=weights, vertices=vertices, level=level)
+    return *filled, lost
 
 
 def _list_sets(document: Document, where: str) -> list[tuple[int, int]]:
@@ -62,6 +71,9 @@ def _list_sets(document: Document, where: str) -> list[tuple[int, int]]:
     sets: list[tuple[int, int]] = []
     while f"JOINTS_{len(sets)}" in names and f"WEIGHTS_{len(sets)}" in names:
         sets.append((names[f"JOINTS_{len(sets)}"], names[f"WEIGHTS_{len(sets)}"]))
+        if len(sets) > MOST_SETS:
+            message = f"more than {4 * MOST_SETS} joints move a vertex; bind to fewer"
+            raise document.fault(where, message, code=Code.LIMIT_TOTAL)
     if any(f"{name}_{len(sets)}" in names for name in ("JOINTS", "WEIGHTS")):
         document.warn(
             where,
@@ -100,6 +112,7 @@ def _fill_gaps(
     *,
     weights: Weights,
     vertices: Float[np.ndarray, "vertices 3"],
+    level: int,
 ) -> tuple[Joints, Weights]:
     """Give vertices without any weight those of the nearest vertex that has some."""
     bare: Bool[np.ndarray, " vertices"] = weights.sum(axis=1) == 0
@@ -109,6 +122,7 @@ def _fill_gaps(
         where,
         f"{bare.sum()} vertices without weights follow their neighbours",
         code=Code.SKIN_WEIGHTS,
+        level=level,
     )
     joints, weights = joints.copy(), weights.copy()
     if bare.all():

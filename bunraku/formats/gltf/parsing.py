@@ -41,7 +41,7 @@ def parse_json(path: str, json: bytes) -> tuple[bytes, Gltf]:
     except (RecursionError, ValueError) as problem:
         raise _trouble(path, problem) from None
     mended = _check_version(path, gltf, raw) or mended
-    if gltf.meshes and all(node.mesh is None for node in gltf.nodes):
+    if all(node.mesh is None for node in gltf.nodes) and _stores_positions(gltf):
         message = f"no node shows a mesh; each of the {len(gltf.meshes)} is given one"
         announce(path, message, code=Code.GLTF_UNSHOWN, where="/nodes")
         mended = _show_meshes(mended or raw, len(gltf.meshes))
@@ -92,6 +92,19 @@ def _with_integers(value: Any) -> Any:
     if isinstance(value, list):
         return [_with_integers(item) for item in value]
     return int(value) if isinstance(value, float) and value.is_integer() else value
+
+
+def _stores_positions(gltf: Gltf) -> bool:
+    """Tell whether any mesh is worth being shown: its positions are no mere placeholder."""
+    for primitive in (primitive for mesh in gltf.meshes for primitive in mesh.primitives):
+        index = primitive.attributes.get("POSITION")
+        if index is not None and (
+            primitive.extensions.draco is not None  # where they are is checked later
+            or index >= len(gltf.accessors)
+            or not gltf.accessors[index].is_placeholder
+        ):
+            return True
+    return False
 
 
 def _show_meshes(raw: dict[str, Any], count: int) -> dict[str, Any]:

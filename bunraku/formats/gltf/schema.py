@@ -82,6 +82,11 @@ class Accessor(Struct, rename="camel"):
     normalized: bool = False
     sparse: Sparse | None = None
 
+    @property
+    def is_placeholder(self) -> bool:
+        """Tell that no element has data of its own: glTF takes zeros for them."""
+        return self.buffer_view is None and self.sparse is None
+
 
 class Draco(Struct, rename="camel"):
     """Where the compressed arrays of a primitive are, and the decoder's number of each."""
