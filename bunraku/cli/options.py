@@ -99,6 +99,27 @@ WeightsOption = Annotated[
         show_default=False,
     ),
 ]
+BeginOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--from",
+        metavar="FILE.safetensors",
+        help="Weights to begin with, for other bodies; the course is shorter then.",
+        show_default=False,
+    ),
+]
+KindOption = Annotated[
+    str, typer.Option("--kind", metavar="KIND", help="What to train for: person or quadruped.")
+]
+DeformOption = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--deform",
+        metavar="FILE.safetensors",
+        help="Weights that bunraku train deform wrote, for rows of the paper's form; one a kind.",
+        show_default=False,
+    ),
+]
 UntilOption = Annotated[
     int | None,
     typer.Option(

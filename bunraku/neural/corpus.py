@@ -7,6 +7,7 @@ cloud = draw_variant(corpus, rng)
 import hashlib
 import logging
 import os
+from collections.abc import Callable
 from dataclasses import astuple, dataclass
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
@@ -26,7 +27,7 @@ from bunraku.neural.variation import vary, vary_body
 logger = logging.getLogger(__name__)
 MOST_PARTS = max(len(anatomy.names) for anatomy in ANATOMIES.values())
 KINDS = tuple(ANATOMIES)
-BUILD = 3  # raised with every change of what is built
+BUILD = 4  # raised with every change of what is built
 _STORED = 1536  # points of each body, of which variants draw
 
 
@@ -36,7 +37,7 @@ class Size:
 
     people: int = 300
     outfits: int = 4
-    sculpted: int = 900
+    sculpted: int = 1200  # a third of them puppets
     quadrupeds: int = 1100
 
 
@@ -65,18 +66,30 @@ def load_corpus(folder: Path, size: Size, seed: int) -> Corpus:
     """
     made_by = anny_version() if size.people else "none"
     key = repr((BUILD, astuple(size), seed, _STORED, np.__version__, made_by))
-    path = folder / f"corpus-{hashlib.sha256(key.encode()).hexdigest()[:16]}.npz"
-    names = tuple(Corpus.__dataclass_fields__)
+    return Corpus(**keep_arrays(folder, "corpus", key, lambda: vars(build_corpus(size, seed))))
+
+
+def keep_arrays(
+    folder: Path, name: str, key: str, build: Callable[[], dict[str, np.ndarray]]
+) -> dict[str, np.ndarray]:
+    """Read arrays from a folder, or build them and keep them there.
+
+    Args:
+        folder: made if it is not there.
+        name: with which the file's name begins.
+        key: all that the arrays depend on.
+    """
+    path = folder / f"{name}-{hashlib.sha256(key.encode()).hexdigest()[:16]}.npz"
     if path.is_file():
         with np.load(path, allow_pickle=False) as stored:
-            return Corpus(*(stored[name] for name in names))
-    corpus = build_corpus(size, seed)
+            return dict(stored)
+    arrays = build()
     folder.mkdir(parents=True, exist_ok=True)
     unfinished = path.with_suffix(f".{os.getpid()}.unfinished")
     with unfinished.open("wb") as stream:
-        np.savez(stream, **{name: getattr(corpus, name) for name in names})
+        np.savez(stream, **arrays)  # type: ignore[arg-type]
     unfinished.replace(path)
-    return corpus
+    return arrays
 
 
 def anny_version() -> str:
@@ -99,7 +112,8 @@ def build_corpus(size: Size, seed: int) -> Corpus:
         people = build_people(size.people, rng)
         bodies += [dress_up(body, rng) for body in people for _ in range(size.outfits)]
     logger.info("sculpted bodies")
-    bodies += [draw_sculpted("rounded", rng) for _ in range(size.sculpted)]
+    families = ("rounded", "rounded", "puppets")
+    bodies += [draw_sculpted(families[i % 3], rng) for i in range(size.sculpted)]
     species = sorted(set(SPECIES) - set(HELD_OUT))
     bodies += [draw_sculpted(species[i % len(species)], rng) for i in range(size.quadrupeds)]
     for body in bodies:
@@ -109,7 +123,7 @@ def build_corpus(size: Size, seed: int) -> Corpus:
 
 
 def draw_sculpted(family: str, rng: np.random.Generator) -> Body:
-    """Draw a dressed body of a sculpted family (`rounded`, `blocks` or a species), to size 1."""
+    """Draw a dressed body of a sculpted family, of FAMILIES of people or a species, to size 1."""
     make = partial(sculpt_quadruped if family in SPECIES else sculpt_person, family)
     body = dress_up(make(rng), rng)
     return vary_body(body, np.tile(np.eye(3), (len(body.joints), 1, 1)))

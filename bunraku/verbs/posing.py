@@ -3,7 +3,7 @@
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from bunraku import builtin
 from bunraku.errors import Code, announce, collecting_doubts
+from bunraku.evaluate.pose import Paper
 from bunraku.evaluate.report import report_avatar_transfer
 from bunraku.formats import read_figure
 from bunraku.formats.files import Location, read_bytes
@@ -196,6 +197,28 @@ def load_reader(network: Location | None, seed: int, *, purpose: str = "bunraku 
     except ValueError as error:
         message = "holds no shape network; make one with bunraku train shape"
         raise FormatError(network, "", message, code=Code.NETWORK) from error
+
+
+def load_paper(paths: Sequence[Location], *, purpose: str) -> dict[str, Paper]:
+    """Load the paper's form from files of `bunraku train deform`, by kind.
+
+    Raises:
+        FormatError: if PyTorch is not there, or a file holds no such networks.
+    """
+    need_torch(purpose)
+    from bunraku.neural.implicit.form import answer
+    from bunraku.neural.implicit.training import load_form
+
+    forms: dict[str, Paper] = {}
+    for path in paths:
+        stored = read_bytes(path)
+        try:
+            form = load_form(stored)
+        except ValueError as error:
+            message = "holds no networks of the paper's form; make them with bunraku train deform"
+            raise FormatError(path, "", message, code=Code.NETWORK) from error
+        forms[form.kind] = partial(answer, form)
+    return forms
 
 
 def need_torch(purpose: str) -> None:
