@@ -66,7 +66,8 @@ def root(version: VersionOption = None) -> None:
     epilog="Examples: bunraku animate hero.obj -o hero.glb   |   "
     "bunraku animate hero.glb --with knight.glb --clip Walk --clip Idle -o moving.glb   |   "
     "bunraku animate hero.glb --with dance.bvh -o dancing.glb --report dancing.json   |   "
-    "bunraku animate hero.glb --with recording/ -o hero-moves.glb"
+    "bunraku animate hero.glb --with recording/ -o hero-moves.glb   |   "
+    "bunraku animate hero.glb --with avatar/ -o hero-poses.glb"
 )
 def animate(
     figure: FigureArgument,

@@ -47,8 +47,9 @@ WithOption = Annotated[
     typer.Option(
         "--with",
         metavar="PERFORMANCE",
-        help="A rigged character (.glb .gltf .vrm .fbx), a folder of depth frames, or a motion "
-        "(.bvh) for the built-in human. Without it: the built-in human and its clips.",
+        help="A rigged character (.glb .gltf .vrm .fbx), a folder of depth frames, a folder of an "
+        "avatar (rest.obj and its poses), or a motion (.bvh) for the built-in human. Without it: "
+        "the built-in human and its clips.",
         show_default=False,
     ),
 ]

@@ -111,7 +111,16 @@ def tuning_course(weights: bytes, *, steps: int | None, seed: int) -> Course:
     """Make the course of a network that has learnt already: shorter, and slower."""
     name = hashlib.sha256(weights).hexdigest()[:16]
     length = steps if steps is not None else 1_500
-    return Course(steps=length, rate=6e-4, warm_up=100, seed=seed, begins=name, weights=weights)
+    warm_up = min(100, length // 8)
+    return Course(
+        steps=length,
+        points=256,
+        rate=6e-4,
+        warm_up=warm_up,
+        seed=seed,
+        begins=name,
+        weights=weights,
+    )
 
 
 def rate_at(step: int, course: Course) -> float:

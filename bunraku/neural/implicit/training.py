@@ -39,13 +39,13 @@ class Course:
     """What decides the result, beside the corpus."""
 
     kind: str = "person"
-    pose_steps: int = 1500
+    pose_steps: int = 1000
     shape_steps: int = 3000
     offset_steps: int = 3000
     pose_batch: int = 256
     shape_batch: int = 64  # [ZPT 4.2]
     offset_batch: int = 128  # [ZPT 4.2]
-    points: int = 64  # of each body a step: on the surface, and as many queries for occupancy
+    points: int = 16  # of each body a step: on the surface, and as many queries for occupancy
     inverse: float = shape.INVERSE  # 0 for the ablation without the inverse network
     seed: int = 0
 
