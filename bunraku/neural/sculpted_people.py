@@ -1,7 +1,6 @@
-"""People put together from rounded solids: dolls, chibis, puppets, blocks, with rigs known.
+"""People put together from rounded solids: dolls, chibis, blocks, with rigs known by construction.
 
-The families `rounded` and `puppets` (rigid pieces with gaps) are for training; `blocks`, boxes in
-loose pieces, is kept for tests.
+The family `rounded` is for training; `blocks`, boxes in loose pieces, is kept for tests.
 """
 
 from dataclasses import dataclass
@@ -13,7 +12,7 @@ from bunraku.neural.anatomy import PERSON
 from bunraku.neural.bodies import Body
 from bunraku.neural.solids import Share, Solid, assemble, place_solid
 
-FAMILIES = ("rounded", "puppets", "blocks")
+FAMILIES = ("rounded", "blocks")
 _PARTS = len(PERSON.names)
 _TORSO = ("hips", "spine", "chest", "upperChest", "neck")
 
@@ -25,12 +24,10 @@ class Style:
     exponent: tuple[float, float]  # 1 round, towards 0 boxes
     softness: tuple[float, float]  # share of a limb's length over which parts pass
     gap: tuple[float, float]  # between solids, as a share of a limb's length
-    apart: float = 0.0  # how often hips and chest are two rigid solids
 
 
 STYLES = {
     "rounded": Style((0.45, 1.0), (0.05, 0.5), (-0.25, -0.02)),
-    "puppets": Style((0.45, 1.0), (0.0, 0.03), (-0.06, 0.12), 0.5),
     "blocks": Style((0.1, 0.4), (0.0, 0.02), (-0.02, 0.06)),
 }
 
@@ -41,8 +38,7 @@ def sculpt_person(family: str, rng: np.random.Generator) -> Body:
     joints, size = person_joints(rng)
     shape = float(rng.uniform(*style.exponent)), float(rng.uniform(*style.softness))
     gap = float(rng.uniform(*style.gap))
-    apart = rng.random() < style.apart
-    solids = [*_torso(joints, size, shape, rng, apart), _head(joints, size, shape, rng)]
+    solids = [*_torso(joints, size, shape, rng), _head(joints, size, shape, rng)]
     for side in ("left", "right"):
         twin = np.random.default_rng(int(size["twin"]))  # both sides alike
         solids += _limb(joints, side, ("UpperArm", "LowerArm", "Hand"), size, (*shape, gap), twin)
@@ -54,25 +50,24 @@ def person_joints(
     rng: np.random.Generator,
 ) -> tuple[Float[np.ndarray, "parts 3"], dict[str, float]]:
     """Draw proportions: how high, wide and long each part is, for a body of height 1."""
-    head = float(rng.uniform(0.11, 0.2) if rng.random() < 0.4 else rng.uniform(0.2, 0.55))
+    head = float(rng.uniform(0.11, 0.2) if rng.random() < 0.4 else rng.uniform(0.2, 0.5))
     neck = float(rng.uniform(0.0, 0.06))
     below = 1 - head - neck
-    leg = below * float(rng.uniform(0.28, 0.66))
+    leg = below * float(rng.uniform(0.33, 0.66))
     torso = below - leg
     ankle = leg * float(rng.uniform(0.08, 0.3))
-    shoulder = float(rng.uniform(0.05, 0.16))
+    shoulder = float(rng.uniform(0.06, 0.16))
     hip = shoulder * float(rng.uniform(0.4, 0.9))
     arm = (torso + 0.5 * leg) * float(rng.uniform(0.5, 1.15))
     place = {name: np.zeros(3) for name in PERSON.names}
 
-    bends = np.array([[-0.15, 0.15], [0.12, 0.34], [0.36, 0.58], [0.6, 0.8], [1.0, 1.0]])
-    heights = leg + torso * rng.uniform(*bends.T)  # rigs differ in where a spine bends
+    heights = leg + torso * np.array([0.08, 0.28, 0.5, 0.72, 1.0])
     for name, height in zip(_TORSO, heights, strict=True):
         place[name] = np.array([0.0, height, 0.0])
     place["head"] = np.array([0.0, heights[-1] + neck, 0.0])
     lift = leg + torso * float(rng.uniform(0.76, 0.92))
-    upper, knee = float(rng.uniform(0.38, 0.58)), float(rng.uniform(0.38, 0.6))
-    hand = arm * float(rng.uniform(0.5, 0.88))
+    upper, knee = float(rng.uniform(0.4, 0.55)), float(rng.uniform(0.42, 0.58))
+    hand = arm * float(rng.uniform(0.72, 0.88))
     for side, sign in (("left", 1.0), ("right", -1.0)):
         place[side + "Shoulder"] = np.array([0.3 * sign * shoulder, lift, 0.0])
         for name, out in (("UpperArm", 0.0), ("LowerArm", upper * hand), ("Hand", hand)):
@@ -82,23 +77,13 @@ def person_joints(
             place[side + name] = np.array([sign * hip, height, 0.0])
     size = {
         **{"head": head, "neck": neck, "leg": leg, "ankle": ankle, "shoulder": shoulder},
-        **{
-            "hip": hip,
-            "arm": arm,
-            "hand": arm - hand,
-            "torso": torso,
-            "twin": float(rng.integers(1 << 30)),
-        },
+        **{"hip": hip, "arm": arm, "torso": torso, "twin": float(rng.integers(1 << 30))},
     }
     return np.stack([place[name] for name in PERSON.names]), size
 
 
 def _torso(
-    joints: np.ndarray,
-    size: dict[str, float],
-    shape: tuple[float, float],
-    rng: np.random.Generator,
-    apart: bool,
+    joints: np.ndarray, size: dict[str, float], shape: tuple[float, float], rng: np.random.Generator
 ) -> list[Solid]:
     """Make trunk and neck: one solid over all of the spine, or hips and chest apart."""
     exponent, softness = shape
@@ -108,27 +93,22 @@ def _torso(
     start = np.array([0.0, low, 0.0])
     wide = max(size["shoulder"] * float(rng.uniform(0.75, 1.05)), 1.15 * size["hip"])
     deep = wide * float(rng.uniform(0.45, 1.0))
-    top, form = np.array([0.0, float(heights[4]), 0.0]), (exponent, float(rng.uniform(-0.3, 0.45)))
-    if apart:
-        waist = np.array([0.0, float(rng.uniform(heights[1], heights[2])), 0.0])
-        spans = ((start, waist, chain[0]), (waist, top, chain[int(rng.integers(1, 4))]))
-        trunk = [
-            place_solid(np.stack([below, above]), (wide, deep), Share((part,), (), 0.01), _PARTS)
-            for below, above, part in spans
-        ]
-    else:
-        bounds = tuple(float(h) - low for h in heights[1:4])
-        share = Share(tuple(chain[:4]), bounds, max(softness, 0.02) * size["torso"] * 0.6)
-        over = (0.08 * size["torso"], 0.0)
-        ends = np.stack([start, top])
-        trunk = [place_solid(ends, (wide, deep), share, _PARTS, overhang=over, form=form)]
+    bounds = tuple(float(h) - low for h in heights[1:4])
+    share = Share(tuple(chain[:4]), bounds, max(softness, 0.02) * size["torso"] * 0.6)
+    taper = float(rng.uniform(-0.3, 0.45))
+    trunk = place_solid(
+        np.stack([start, [0.0, float(heights[4]), 0.0]]),
+        *((wide, deep), share, _PARTS),
+        overhang=(0.08 * size["torso"], 0.0),
+        form=(exponent, taper),
+    )
     girth = size["head"] * float(rng.uniform(0.15, 0.35))
     tall = size["neck"]
     ends = np.stack([joints[chain[4]], joints[PERSON.index("head")] + [0, 0.02, 0]])
     own = Share((chain[3], chain[4], PERSON.index("head")), (0.0, tall), 0.3 * tall + 0.01)
     over = (0.3 * girth, 0.3 * girth)
     neck = place_solid(ends, (girth, girth), own, _PARTS, overhang=over, form=(exponent, 0.0))
-    return [*trunk, neck]
+    return [trunk, neck]
 
 
 def _head(
@@ -137,9 +117,9 @@ def _head(
     """Make the head; how it is long, wide and deep is drawn."""
     part = PERSON.index("head")
     start = joints[part]
-    wide = size["head"] * float(rng.uniform(0.32, 0.75))
+    wide = size["head"] * float(rng.uniform(0.32, 0.65))
     deep = wide * float(rng.uniform(0.8, 1.25))
-    chin = size["head"] * float(rng.uniform(0.0, 0.25))
+    chin = size["head"] * float(rng.uniform(0.0, 0.12))
     ends = start + size["head"] * np.array([[0.0, 0, 0], [0, 1.0, 0]])
     ends[:, 2] += size["head"] * float(rng.uniform(-0.05, 0.15))
     share = Share((part,), (), 0.01)
@@ -162,7 +142,7 @@ def _limb(
     above = PERSON.index("hips" if is_leg else side + "Shoulder")
     length = float(np.linalg.norm(joints[third] - joints[first]))
     most = 0.95 * size["hip"] if is_leg else 0.3 * size["torso"]
-    girth = min(length * float(rng.uniform(0.1, 0.5)), most)
+    girth = min(length * float(rng.uniform(0.1, 0.32)), most)
     solids = []
     for part, before, after in ((first, above, second), (second, first, third)):
         bone = joints[after] - joints[part]
@@ -190,7 +170,7 @@ def _hand(
     own = joints[parts[1]]
     along = own - joints[parts[0]]
     along /= np.linalg.norm(along)
-    long = max(size["hand"] * float(rng.uniform(0.8, 1.4)), 1.2 * girth)
+    long = max(size["arm"] * float(rng.uniform(0.14, 0.3)), 1.2 * girth)
     ends = np.stack([own, own + along * long])
     share = Share(parts, (0.0,), 0.3 * shape[1] * long)
     thick = girth * float(rng.uniform(0.5, 1.4))

@@ -112,8 +112,7 @@ def _people(size: Size, rng: np.random.Generator) -> tuple[list[Body], list[Mesh
         vary_body(_stand(dress_up(body, rng), rng), scale_parts(body.joints, PERSON, rng))
         for body in bodies[size.labelled :]
     ]
-    families = ("rounded", "puppets")
-    made = [draw_sculpted(families[i % 2], rng) for i in range(size.unlabelled - dressed)]
+    made = [draw_sculpted("rounded", rng) for _ in range(size.unlabelled - dressed)]
     return labelled, [body.mesh for body in (*scaled, *made)]
 
 
