@@ -89,7 +89,7 @@ def animate(
     import bunraku
     from bunraku.cli import steps
 
-    inputs = [figure, performance, landmarks]
+    inputs = [figure, performance, landmarks, *steps.files_within(performance)]
     steps.check_output(out, [".glb", ".vrm"], inputs=inputs)
     steps.check_output(report, [".json"], inputs=[*inputs, out])
     steps.check_output(bvh, [".bvh"], inputs=[*inputs, out])

@@ -77,6 +77,13 @@ def working(path: Path) -> Iterator[None]:
             yield
 
 
+def files_within(performance: Path | None) -> list[Path]:
+    """List what is read of a folder that performs, so that no output replaces it."""
+    if performance is None or not performance.is_dir():
+        return []
+    return [path for path in performance.iterdir() if path.is_file()]
+
+
 @contextmanager
 def training_bar() -> Iterator[Callable[["TrainingProgress", int], None]]:
     """Show how far training is, and how good, on a terminal."""

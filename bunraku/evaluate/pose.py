@@ -28,6 +28,7 @@ from bunraku.types import Character, MatchError, Mesh
 BASELINES = ("static", "nearest offset", "nearest skin*", "nearest triangles")
 PAPER = ("paper", "paper adapted", "paper no volume")  # its form, trained here
 METHODS = (*BASELINES, *PAPER, "network", "registration", "ours")
+_OF_PAPER = ("paper parts", "paper s")
 
 
 class Answer(Protocol):
@@ -188,9 +189,6 @@ def tabulate(rows: Sequence[Row]) -> Table:
     columns = ("group", "rows", *METHODS, "worst", "parts", "worst", "s", "ms/pose", *_OF_PAPER)
     title = "Pose transfer, mean over rows: PMD (cm at 1 m) / ELS; * is given the avatar's true rig"
     return make_table(title, columns, lines)
-
-
-_OF_PAPER = ("paper parts", "paper s")
 
 
 def _summary(rows: Sequence[Row]) -> list[str]:

@@ -26,7 +26,7 @@ class Progress:
 
     step: int
     loss: float
-    error: float  # mean distance of joints, or of posed points, in sizes
+    error: float  # mean distance of joints or posed points, in sizes; or share of points misplaced
     agreement: float  # share of points whose strongest part is right; nan where parts are not asked
 
 
