@@ -13,7 +13,7 @@ from bunraku.neural.bodies import normalise
 from bunraku.neural.corpus import KINDS
 from bunraku.neural.network import ShapeNetwork
 from bunraku.neural.parts import Reader, Understanding
-from bunraku.neural.smoothing import diffuse, stiffen
+from bunraku.neural.smoothing import diffuse
 from bunraku.neural.training import load_network
 from bunraku.types import Mesh
 
@@ -64,7 +64,6 @@ def understand(
         weights = spread(weights, places[asked], places)
     else:
         weights = diffuse(weights, small)
-    weights = stiffen(weights, small)
     found = joints * size + middle
     return Understanding(kind, float(chances[number]), weights, found, float(agreement))
 

@@ -26,7 +26,7 @@ from bunraku.neural.implicit.poses import encode_turns
 from bunraku.neural.implicit.shape import Queries, fit_code
 from bunraku.neural.implicit.training import Form
 from bunraku.neural.known_poses import relative_turns, stance
-from bunraku.neural.parts import Understanding
+from bunraku.neural.parts import Understanding, standing_height
 from bunraku.types import Mesh
 
 ROWS = {
@@ -103,7 +103,7 @@ def prepare(
     source, _, size = understand_shape(form, mesh)
     target, _, figure_size = understand_shape(form, other)
     offsets = torch.from_numpy(((moved - mesh.vertices) / size).astype(np.float32))
-    scale = _standing(other, understood) / _standing(mesh, seen)
+    scale = standing_height(other, understood.joints) / standing_height(mesh, seen.joints)
     return Prepared(
         target,
         Performance(source, offsets, encode_turns(form.space, own)),
@@ -124,10 +124,6 @@ def understand_shape(form: Form, mesh: Mesh) -> tuple[Subject, Float[np.ndarray,
     code = fit_code(form.shape, form.codes.mean(dim=0), asked, inverse=form.inverse)
     edges = torch.from_numpy(mesh_edges(mesh.faces))
     return Subject(vertices, edges, form.shape.label(vertices, code), code), middle, size
-
-
-def _standing(mesh: Mesh, seen: Understanding) -> float:
-    return max(float(seen.joints[0, 1] - mesh.vertices[:, 1].min()), 1e-6)
 
 
 def pose_prepared(
