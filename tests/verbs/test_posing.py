@@ -143,7 +143,7 @@ def test_a_file_that_is_no_network_is_refused(avatar, cube, tmp_path):
 
 def test_a_network_of_impossible_numbers_is_refused(avatar, cube, tmp_path):
     torch = pytest.importorskip("torch", reason="torch is not there: pip install bunraku[neural]")
-    from bunraku.neural.training import read_tensors, write_tensors
+    from bunraku.neural.checkpoints import read_tensors, write_tensors
 
     notes, tensors = read_tensors(builtin.shape_network())
     spoilt = {**tensors, "kind.bias": torch.full((2,), torch.nan)}
