@@ -123,9 +123,9 @@ def pose(
 
 
 def is_avatar_folder(folder: Location) -> bool:
-    """Tell whether a folder holds meshes, as an avatar at rest and posed, and no depth video."""
+    """Tell whether a folder holds an avatar: a mesh called `rest`, and no depth video."""
     place = Path(folder)
-    return place.is_dir() and not is_depth_folder(place) and any(_meshes(place))
+    return place.is_dir() and not is_depth_folder(place) and bool(_meshes(place)[0])
 
 
 def avatar_files(folder: Location) -> tuple[Path, list[Path]]:

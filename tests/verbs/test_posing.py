@@ -269,11 +269,12 @@ def test_folders_that_are_no_avatar_say_why(avatar, poses, tmp_path):
         path.unlink()
     with pytest.raises(FormatError, match="no poses"):
         posing.avatar_files(folder)
-    (folder / "rest.obj").rename(folder / "still.obj")
+    (folder / "rest.ply").write_bytes((folder / "rest.obj").read_bytes())
     assert posing.is_avatar_folder(folder)
-    with pytest.raises(FormatError, match="0 meshes called rest"):
+    with pytest.raises(FormatError, match="2 meshes called rest"):
         posing.avatar_files(folder)
-    (folder / "still.obj").unlink()
+    (folder / "rest.ply").unlink()
+    (folder / "rest.obj").rename(folder / "still.obj")
     assert not posing.is_avatar_folder(folder)
 
 
