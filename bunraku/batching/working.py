@@ -30,6 +30,7 @@ from bunraku.verbs.animating import animate
 from bunraku.verbs.engines import prepare_for
 from bunraku.verbs.failing import shorten
 from bunraku.verbs.picturing import draw_clips, read_colours
+from bunraku.verbs.posing import Posed
 from bunraku.verbs.results import Result
 from bunraku.verbs.writing import write, write_motions
 
@@ -79,7 +80,7 @@ def _produce(request: Request, folder: Path) -> tuple[dict[str, int], dict[str, 
     return {file.name: file.stat().st_size for file in files}, report
 
 
-def draw_result(result: Result, written: Path) -> bytes:
+def draw_result(result: Result | Posed, written: Path) -> bytes:
     """Draw three moments of the first clip in the colours of the written file, as a PNG."""
     character = replace(result.character, clips=result.character.clips[:1])
     try:

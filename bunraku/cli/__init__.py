@@ -66,7 +66,8 @@ def root(version: VersionOption = None) -> None:
     epilog="Examples: bunraku animate hero.obj -o hero.glb   |   "
     "bunraku animate hero.glb --with knight.glb --clip Walk --clip Idle -o moving.glb   |   "
     "bunraku animate hero.glb --with dance.bvh -o dancing.glb --report dancing.json   |   "
-    "bunraku animate hero.glb --with recording/ -o hero-moves.glb"
+    "bunraku animate hero.glb --with recording/ -o hero-moves.glb   |   "
+    "bunraku animate hero.glb --with avatar/ -o hero-poses.glb"
 )
 def animate(
     figure: FigureArgument,
@@ -88,7 +89,7 @@ def animate(
     import bunraku
     from bunraku.cli import steps
 
-    inputs = [figure, performance, landmarks]
+    inputs = [figure, performance, landmarks, *steps.files_within(performance)]
     steps.check_output(out, [".glb", ".vrm"], inputs=inputs)
     steps.check_output(report, [".json"], inputs=[*inputs, out])
     steps.check_output(bvh, [".bvh"], inputs=[*inputs, out])

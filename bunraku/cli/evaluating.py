@@ -12,6 +12,7 @@ from bunraku.cli.failures import printing_warnings
 from bunraku.cli.options import (
     ClipsOption,
     DataOption,
+    DeformOption,
     JsonOption,
     LimitOption,
     NetworkOption,
@@ -160,6 +161,7 @@ def pose_table(
     limit: LimitOption = None,
     seeds: SeedsOption = 1,
     network: NetworkOption = None,
+    deform: DeformOption = None,
     state: StateOption = None,
     json: JsonOption = None,
 ) -> None:
@@ -170,16 +172,18 @@ def pose_table(
     from bunraku.evaluate import pose, pose_tasks
     from bunraku.evaluate.results import group_by_family, sample
     from bunraku.types import FormatError
-    from bunraku.verbs.posing import load_reader
+    from bunraku.verbs.posing import load_paper, load_reader
 
-    check_output(json, [".json"], inputs=[network])
-    check_output(state, [], inputs=[json, network])
+    inputs = [network, *(deform or ())]
+    check_output(json, [".json"], inputs=inputs)
+    check_output(state, [], inputs=[json, *inputs])
     read = load_reader(network, 0, purpose="bunraku evaluate pose")
+    paper = load_paper(deform or (), purpose="bunraku evaluate pose")
     folder, names = find_data(data), pairs or ()
     with printing_warnings(folder):
         made = chain.from_iterable(map(pose_tasks.generate_tasks, range(0 if names else seeds)))
         tasks = [*made, *pose_tasks.find_tasks(folder, names=names)]
-        judge = partial(pose.measure, read=read)
+        judge = partial(pose.measure, read=read, paper=paper)
         chosen = sample(group_by_family(tasks), limit)
         rows = print_rows(chosen, judge, pose.describe, kind=pose.Row, state=state)
     if not rows:

@@ -47,8 +47,9 @@ WithOption = Annotated[
     typer.Option(
         "--with",
         metavar="PERFORMANCE",
-        help="A rigged character (.glb .gltf .vrm .fbx), a folder of depth frames, or a motion "
-        "(.bvh) for the built-in human. Without it: the built-in human and its clips.",
+        help="A rigged character (.glb .gltf .vrm .fbx), a folder of depth frames, a folder of an "
+        "avatar (rest.obj and its poses), or a motion (.bvh) for the built-in human. Without it: "
+        "the built-in human and its clips.",
         show_default=False,
     ),
 ]
@@ -96,6 +97,27 @@ WeightsOption = Annotated[
         "--out",
         metavar="FILE.safetensors",
         help="Weights to write. Without it: in the user's cache folder.",
+        show_default=False,
+    ),
+]
+BeginOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--from",
+        metavar="FILE.safetensors",
+        help="Weights to begin with, for other bodies; the course is shorter then.",
+        show_default=False,
+    ),
+]
+KindOption = Annotated[
+    str, typer.Option("--kind", metavar="KIND", help="What to train for: person or quadruped.")
+]
+DeformOption = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--deform",
+        metavar="FILE.safetensors",
+        help="Weights that bunraku train deform wrote, for rows of the paper's form; one a kind.",
         show_default=False,
     ),
 ]

@@ -17,7 +17,7 @@ from bunraku.types import FormatError
 from bunraku.verbs.engines import ENGINES
 
 if TYPE_CHECKING:
-    from bunraku.neural.training import Progress as TrainingProgress
+    from bunraku.neural.checkpoints import Progress as TrainingProgress
 
 
 def check_output(
@@ -77,6 +77,13 @@ def working(path: Path) -> Iterator[None]:
             yield
 
 
+def files_within(performance: Path | None) -> list[Path]:
+    """List what is read of a folder that performs, so that no output replaces it."""
+    if performance is None or not performance.is_dir():
+        return []
+    return [path for path in performance.iterdir() if path.is_file()]
+
+
 @contextmanager
 def training_bar() -> Iterator[Callable[["TrainingProgress", int], None]]:
     """Show how far training is, and how good, on a terminal."""
@@ -85,7 +92,9 @@ def training_bar() -> Iterator[Callable[["TrainingProgress", int], None]]:
         task = bar.add_task("bodies", total=None)
 
         def show(now: "TrainingProgress", steps: int) -> None:
-            text = f"parts {now.agreement:.1%}  joints {100 * now.joint_error:.1f} % off"
+            text = f"{100 * now.error:.1f} % off"
+            if now.agreement == now.agreement:  # nan where parts are not asked
+                text = f"parts {now.agreement:.1%}  {text}"
             bar.update(task, description=text, completed=now.step, total=steps)
 
         yield show

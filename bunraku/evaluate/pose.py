@@ -5,10 +5,12 @@ aligned to the truth. Baselines marked * are given the avatar's true rig; ours s
 """
 
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
+from jaxtyping import Int
 from rich.table import Table
 
 from bunraku.evaluate import metrics
@@ -18,13 +20,35 @@ from bunraku.evaluate.families import play_at
 from bunraku.evaluate.part_truth import merge_spine
 from bunraku.evaluate.pose_tasks import GROUPS, Task
 from bunraku.evaluate.results import make_table
-from bunraku.neural.parts import Reader
+from bunraku.neural.parts import Reader, Understanding
 from bunraku.routes.from_avatar import AvatarTransfer, animate_from_avatar
 from bunraku.skinning import play_clip
-from bunraku.types import Character, MatchError
+from bunraku.types import Character, MatchError, Mesh
 
 BASELINES = ("static", "nearest offset", "nearest skin*", "nearest triangles")
-METHODS = (*BASELINES, "network", "registration", "ours")
+PAPER = ("paper", "paper adapted", "paper no volume")  # its form, trained here
+METHODS = (*BASELINES, *PAPER, "network", "registration", "ours")
+_OF_PAPER = ("paper parts", "paper s")
+
+
+class Answer(Protocol):
+    """What the paper's form makes of a task."""
+
+    @property
+    def frames(self) -> dict[str, Frames]:
+        """Give the figure's vertices in each pose, by row of PAPER."""
+
+    @property
+    def labels(self) -> Int[np.ndarray, " vertices"]:
+        """Give the part of each of the figure's vertices."""
+
+    @property
+    def seconds(self) -> float:
+        """Give how long it took, test-time training included."""
+
+
+Understood = tuple[Mesh, Understanding]
+Paper = Callable[[Understood, Frames, Understood], Answer]
 
 
 @dataclass(frozen=True)
@@ -51,6 +75,8 @@ class Row:
     agreement: float | None = None  # of the network with itself
     seconds: float | None = None  # first pose, both surfaces included
     pose_ms: float | None = None  # each further pose
+    paper_parts: float | None = None  # share of vertices in the right part, by the paper's form
+    paper_seconds: float | None = None  # with test-time training, all poses
     failure: str = ""
 
     def key(self) -> tuple[str, str, int]:
@@ -58,8 +84,13 @@ class Row:
         return self.group, self.name, self.seed
 
 
-def measure(task: Task, *, read: Reader) -> Row:
-    """Pose one figure in every way and compare it with the truth."""
+def measure(task: Task, *, read: Reader, paper: Mapping[str, Paper] | None = None) -> Row:
+    """Pose one figure in every way and compare it with the truth.
+
+    Args:
+        read: who understands figures.
+        paper: the paper's form by kind, for its rows.
+    """
     avatar, moved = task.avatar, baselines(task)
     row = Row(*task.key(), scores=score(moved, task))
     started = time.perf_counter()
@@ -74,17 +105,24 @@ def measure(task: Task, *, read: Reader) -> Row:
     moved["network"] = _play(transfer.learned)
     if transfer.registered is not None:
         moved["registration"] = _play(transfer.registered.character)
+    answered = None
+    if (form := (paper or {}).get(transfer.avatar.kind)) is not None:
+        bodies = (avatar.mesh, transfer.avatar), (task.figure, transfer.figure)
+        answered = form(bodies[0], task.poses, bodies[1])
+        moved |= answered.frames
     return Row(
         *task.key(),
         scores=row.scores | score(moved, task),
         kind=transfer.avatar.kind,
         chosen=transfer.chosen,
-        parts=part_accuracy(transfer, task),
+        parts=part_accuracy(transfer.figure.labels, transfer, task),
         confidence=transfer.confidence,
         strain=transfer.registered.score if transfer.registered else None,
         agreement=transfer.figure.agreement,
         seconds=seconds,
         pose_ms=pose_ms,
+        paper_parts=part_accuracy(answered.labels, transfer, task) if answered else None,
+        paper_seconds=answered.seconds if answered else None,
     )
 
 
@@ -121,11 +159,12 @@ def score(moved: Mapping[str, Frames], task: Task) -> dict[str, Scores]:
     }
 
 
-def part_accuracy(transfer: AvatarTransfer, task: Task) -> float | None:
-    """Give the share of vertices that the network puts into their true part."""
+def part_accuracy(
+    labels: Int[np.ndarray, " vertices"], transfer: AvatarTransfer, task: Task
+) -> float | None:
+    """Give the share of vertices that are put into their true part."""
     if task.parts is None or transfer.figure.kind != transfer.avatar.kind:
         return None
-    labels = transfer.figure.labels
     if task.group == "real people":
         labels = merge_spine(labels, task.present)
     return float((labels == task.parts).mean())
@@ -147,7 +186,7 @@ def tabulate(rows: Sequence[Row]) -> Table:
         some = [row for row in rows if row.group == group]
         if some:
             lines.append([group, str(len(some)), *_summary(some)])
-    columns = ("group", "rows", *METHODS, "worst", "parts", "worst", "s", "ms/pose")
+    columns = ("group", "rows", *METHODS, "worst", "parts", "worst", "s", "ms/pose", *_OF_PAPER)
     title = "Pose transfer, mean over rows: PMD (cm at 1 m) / ELS; * is given the avatar's true rig"
     return make_table(title, columns, lines)
 
@@ -165,7 +204,11 @@ def _summary(rows: Sequence[Row]) -> list[str]:
     cells.append(f"{max(ours, default=np.nan):.2f}" + (f" ({failed} failed)" if failed else ""))
     cells += [f"{_mean(parts):.1%}", f"{min(parts):.1%}"] if parts else ["-", "-"]
     seconds = _mean(row.seconds for row in rows if row.seconds is not None)
-    return [*cells, f"{seconds:.1f}", f"{_mean(r.pose_ms for r in rows if r.pose_ms):.1f}"]
+    cells += [f"{seconds:.1f}", f"{_mean(r.pose_ms for r in rows if r.pose_ms):.1f}"]
+    parts = [row.paper_parts for row in rows if row.paper_parts is not None]
+    cells.append(f"{_mean(parts):.1%}" if parts else "-")
+    spent = [row.paper_seconds for row in rows if row.paper_seconds is not None]
+    return [*cells, f"{_mean(spent):.1f}" if spent else "-"]
 
 
 def _mean(values: Iterable[float]) -> float:

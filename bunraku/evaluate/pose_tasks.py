@@ -23,12 +23,12 @@ from bunraku.neural.anatomy import PERSON, QUADRUPED
 from bunraku.neural.avatars import as_character
 from bunraku.neural.bodies import Body, pose_body, pose_motion
 from bunraku.neural.corpus import draw_sculpted
+from bunraku.neural.known_poses import clip_turns, stance
 from bunraku.neural.parts import Understanding
 from bunraku.neural.people import build_people
 from bunraku.neural.variation import arm_turns, chain_turns, scale_parts, vary_body
 from bunraku.registration.body import wrap_character
 from bunraku.rotations import vectors_to_matrices
-from bunraku.skinning import clip_transforms, forward_kinematics
 from bunraku.types import Character, MatchError, Mesh
 
 logger = logging.getLogger(__name__)
@@ -83,7 +83,7 @@ def people_task(
     fall = float(rng.choice([0.0, 45.0, 75.0]))
     bodies = stand(avatar, fall), stand(figure, fall)
     turns, travel = human_poses(rng)
-    both = tuple(turns @ chain_turns(PERSON, human_stance(body)) for body in bodies)
+    both = tuple(turns @ human_stance(body) for body in bodies)
     return _task(group, f"{avatar.family}>{figure.family} {number}", seed, bodies, both, travel)
 
 
@@ -97,29 +97,23 @@ def human_stance(body: Body) -> Float[np.ndarray, "parts 3 3"]:
     human = builtin.human()
     places = dict(zip(human.skeleton.names, bind_joints(human), strict=True))
     bone = places["leftHand"] - places["leftUpperArm"]
-    fall = float(np.degrees(np.arctan2(-bone[1], bone[0])))
-    return arm_turns(body.joints, PERSON, fall)
+    return stance(body.joints, PERSON, fall=float(np.degrees(np.arctan2(-bone[1], bone[0]))))
 
 
 def human_poses(
     rng: np.random.Generator,
 ) -> tuple[Float[np.ndarray, "frames parts 3 3"], Float[np.ndarray, "frames 3"]]:
-    """Draw poses of the built-in clips: turns of parts in the world, the way of the hips in hips.
+    """Draw poses of built-in clips that nothing was trained on.
 
     Returns:
         turns since the human's rest, and the hips' displacement over the height of the hips.
     """
-    human = builtin.human()
-    at = [human.skeleton.names.index(name) for name in PERSON.names]
+    clips = clip_turns(builtin.human(), kept_for_tests=True)
     turns, travel = [], []
-    for clip in rng.choice(np.arange(len(human.clips)), POSES):
-        frame = np.array([int(rng.integers(len(human.clips[clip].times)))])
-        world = forward_kinematics(
-            human.skeleton.parents, clip_transforms(human.clips[clip], frame)
-        )
-        rest = human.skeleton.rest[at[0], :3, 3]
-        turns.append(world[0, at, :3, :3])
-        travel.append((world[0, at[0], :3, 3] - rest) / rest[1])
+    for clip in rng.choice(np.arange(len(clips)), POSES):
+        frame = int(rng.integers(len(clips[clip][0])))
+        turns.append(clips[clip][0][frame])
+        travel.append(clips[clip][1][frame])
     return np.stack(turns), np.stack(travel)
 
 

@@ -7,6 +7,7 @@ cloud = draw_variant(corpus, rng)
 import hashlib
 import logging
 import os
+from collections.abc import Callable
 from dataclasses import astuple, dataclass
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
@@ -65,18 +66,30 @@ def load_corpus(folder: Path, size: Size, seed: int) -> Corpus:
     """
     made_by = anny_version() if size.people else "none"
     key = repr((BUILD, astuple(size), seed, _STORED, np.__version__, made_by))
-    path = folder / f"corpus-{hashlib.sha256(key.encode()).hexdigest()[:16]}.npz"
-    names = tuple(Corpus.__dataclass_fields__)
+    return Corpus(**keep_arrays(folder, "corpus", key, lambda: vars(build_corpus(size, seed))))
+
+
+def keep_arrays(
+    folder: Path, name: str, key: str, build: Callable[[], dict[str, np.ndarray]]
+) -> dict[str, np.ndarray]:
+    """Read arrays from a folder, or build them and keep them there.
+
+    Args:
+        folder: made if it is not there.
+        name: with which the file's name begins.
+        key: all that the arrays depend on.
+    """
+    path = folder / f"{name}-{hashlib.sha256(key.encode()).hexdigest()[:16]}.npz"
     if path.is_file():
         with np.load(path, allow_pickle=False) as stored:
-            return Corpus(*(stored[name] for name in names))
-    corpus = build_corpus(size, seed)
+            return dict(stored)
+    arrays = build()
     folder.mkdir(parents=True, exist_ok=True)
     unfinished = path.with_suffix(f".{os.getpid()}.unfinished")
     with unfinished.open("wb") as stream:
-        np.savez(stream, **{name: getattr(corpus, name) for name in names})
+        np.savez(stream, **arrays)  # type: ignore[arg-type]
     unfinished.replace(path)
-    return corpus
+    return arrays
 
 
 def anny_version() -> str:
@@ -109,7 +122,7 @@ def build_corpus(size: Size, seed: int) -> Corpus:
 
 
 def draw_sculpted(family: str, rng: np.random.Generator) -> Body:
-    """Draw a dressed body of a sculpted family (`rounded`, `blocks` or a species), to size 1."""
+    """Draw a dressed body of a sculpted family, of FAMILIES of people or a species, to size 1."""
     make = partial(sculpt_quadruped if family in SPECIES else sculpt_person, family)
     body = dress_up(make(rng), rng)
     return vary_body(body, np.tile(np.eye(3), (len(body.joints), 1, 1)))

@@ -37,3 +37,8 @@ class Reader(Protocol):
 
     def __call__(self, mesh: Mesh, *, kind: str | None = None) -> Understanding:
         """Understand a figure at rest, Y up, facing +Z; of a given kind if that is known."""
+
+
+def standing_height(mesh: Mesh, joints: Float[np.ndarray, "parts 3"]) -> float:
+    """Give the height of the hips over the ground."""
+    return max(float(joints[0, 1] - mesh.vertices[:, 1].min()), 1e-6)

@@ -7,25 +7,28 @@ weights, Adam's moments and the step's number is all there is to know.
 """
 
 import hashlib
-import json
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import torch
-from safetensors import SafetensorError
-from safetensors.torch import load, save
 from torch import Tensor
 from torch.nn import functional
 
 from bunraku.neural.anatomy import ANATOMIES
+from bunraku.neural.checkpoints import (
+    Progress,
+    checkpoint,
+    digest,
+    explaining,
+    read_tensors,
+    restore,
+    run_steps,
+)
 from bunraku.neural.corpus import KINDS, MOST_PARTS, Corpus, draw_variant
 from bunraku.neural.network import Architecture, ShapeNetwork
 
-KEEP_EVERY = 250  # steps
 LARGEST = {"width": 1024, "heads": 64, "latents": 1024, "blocks": 32}  # of a network that is read
-MOMENTS = ("exp_avg", "exp_avg_sq")
 PART_EXISTS = torch.tensor(
     [[part < len(ANATOMIES[kind].names) for part in range(MOST_PARTS)] for kind in KINDS]
 )
@@ -42,16 +45,8 @@ class Course:
     warm_up: int = 300
     joint_weight: float = 10.0
     seed: int = 0
-
-
-@dataclass(frozen=True)
-class Progress:
-    """Where training stands."""
-
-    step: int
-    loss: float
-    joint_error: float  # mean distance, in sizes
-    agreement: float  # share of points whose strongest part is right
+    begins: str = ""  # digest of the weights it begins with; drawn ones without
+    weights: bytes = field(default=b"", repr=False)  # those weights
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,25 +84,43 @@ def train(
     """
     torch.set_num_threads(1)  # two are slower for a network this small, and less repeatable
     torch.manual_seed(course.seed)
-    network = ShapeNetwork()
+    network = load_network(course.weights) if course.weights else ShapeNetwork()
+    network.train().requires_grad_(True)
     optimiser = torch.optim.Adam(network.parameters(), lr=course.rate, betas=(0.9, 0.98))
-    origin = {"course": repr(course), "corpus": digest(corpus)}
+    origin = {"course": repr(course), "corpus": digest(vars(corpus))}
+    notes = {**origin, **network.sizes.as_strings()}
     first = 0 if start is None else restore(start, network, optimiser, origin)
-    recent: list[Progress] = []
-    step = first
-    for step in range(first + 1, course.steps + 1):
+
+    def take(step: int) -> Progress:
         for group in optimiser.param_groups:
             group["lr"] = course.rate * rate_at(step, course)
         batch = draw_batch(corpus, course, step)
-        recent.append(learn(network, optimiser, batch, step, course.joint_weight))
-        last = step == course.steps or stop(step)
-        if step % KEEP_EVERY == 0 or last:
-            keep(checkpoint(network, optimiser, origin, step))
-        if step % report_every == 0 or last:
-            yield _average(recent)
-            recent = []
-        if last:
-            break
+        return learn(network, optimiser, batch, step, course.joint_weight)
+
+    yield from run_steps(
+        range(first + 1, course.steps + 1),
+        learn=take,
+        store=lambda step: checkpoint(network, optimiser, notes, step),
+        keep=keep,
+        stop=stop,
+        report_every=report_every,
+    )
+
+
+def tuning_course(weights: bytes, *, steps: int | None, seed: int) -> Course:
+    """Make the course of a network that has learnt already: shorter, and slower."""
+    name = hashlib.sha256(weights).hexdigest()[:16]
+    length = steps if steps is not None else 1_500
+    warm_up = min(100, length // 8)
+    return Course(
+        steps=length,
+        points=256,
+        rate=6e-4,
+        warm_up=warm_up,
+        seed=seed,
+        begins=name,
+        weights=weights,
+    )
 
 
 def rate_at(step: int, course: Course) -> float:
@@ -162,121 +175,6 @@ def learn(
     return Progress(step, float(loss.detach()), float(off.detach()), float(right))
 
 
-def _average(recent: list[Progress]) -> Progress:
-    mean = (float(np.mean([getattr(p, name) for p in recent])) for name in _MEASURES)
-    return Progress(recent[-1].step, *mean)
-
-
-_MEASURES = ("loss", "joint_error", "agreement")
-
-
-def checkpoint(
-    network: ShapeNetwork, optimiser: torch.optim.Optimizer, origin: dict[str, str], step: int
-) -> bytes:
-    """Write weights, Adam's moments, of which course and corpus they are, and the step."""
-    tensors = dict(network.state_dict())
-    for name, parameter in network.named_parameters():
-        for moment in MOMENTS:
-            tensors[f"{moment}:{name}"] = optimiser.state[parameter][moment]
-    return write_tensors(tensors, {**origin, "step": str(step), **network.sizes.as_strings()})
-
-
-def restore(
-    stored: bytes, network: ShapeNetwork, optimiser: torch.optim.Optimizer, origin: dict[str, str]
-) -> int:
-    """Take up a checkpoint; give its step."""
-    notes, tensors = read_tensors(stored)
-    check_origin(notes, origin)
-    with _explaining():
-        step = int(notes["step"])
-        network.load_state_dict({name: tensors[name] for name in network.state_dict()})
-        for name, parameter in network.named_parameters():
-            moments = {moment: tensors[f"{moment}:{name}"] for moment in MOMENTS}
-            if any(moment.shape != parameter.shape for moment in moments.values()):
-                raise ValueError(f"moments of {name} have another shape")
-            optimiser.state[parameter] = {"step": torch.tensor(float(step)), **moments}
-    return step
-
-
-def check_origin(notes: dict[str, str], origin: dict[str, str]) -> None:
-    """Refuse a checkpoint that another course, or another corpus, led to.
-
-    Raises:
-        ValueError: if it is of another one.
-    """
-    for what, wanted in origin.items():
-        if notes.get(what) != wanted:
-            found = notes.get(what, f"no {what}")
-            raise ValueError(
-                f"the checkpoint is of {found}, not of {wanted}; "
-                "give its options again, or start anew without --resume"
-            )
-
-
-def digest(corpus: Corpus) -> str:
-    """Give a name that tells a corpus from every other one, by its numbers."""
-    told = hashlib.sha256()
-    for name in Corpus.__dataclass_fields__:
-        told.update(np.ascontiguousarray(getattr(corpus, name)).data)
-    return f"corpus {told.hexdigest()[:16]}"
-
-
-def read_origin(stored: bytes) -> dict[str, str]:
-    """Read of which course and corpus a checkpoint is, and of which step.
-
-    Raises:
-        ValueError: if it is damaged, or no checkpoint.
-    """
-    notes, _ = read_tensors(stored)
-    if not notes.get("step", "").isdecimal() or "course" not in notes:
-        raise ValueError("it holds no checkpoint of bunraku train")
-    return notes
-
-
-def read_step(stored: bytes) -> int:
-    """Read at which step a checkpoint was taken."""
-    return int(read_origin(stored)["step"])
-
-
-def write_tensors(tensors: dict[str, Tensor], notes: dict[str, str]) -> bytes:
-    """Write tensors and notes as safetensors: in one note, for the order of several is random."""
-    written = {"notes": json.dumps(notes, sort_keys=True)}
-    return save({name: tensor.contiguous() for name, tensor in tensors.items()}, written)
-
-
-def read_tensors(stored: bytes) -> tuple[dict[str, str], dict[str, Tensor]]:
-    """Read the notes and the tensors of a file that `write_tensors` made.
-
-    Raises:
-        ValueError: if it is no such file, is damaged, or a number in it is not finite.
-    """
-    with _explaining():
-        tensors = load(stored)
-        size = int.from_bytes(stored[:8], "little")
-        written = json.loads(stored[8 : 8 + size]).get("__metadata__", {})
-        notes = {str(name): str(note) for name, note in json.loads(written["notes"]).items()}
-    for name, tensor in tensors.items():
-        if tensor.dtype != torch.float32 or not tensor.isfinite().all():
-            raise ValueError(f"{name} has numbers that are not finite, or of another type")
-    return notes, tensors
-
-
-@contextmanager
-def _explaining() -> Iterator[None]:
-    """Raise a ValueError whatever a damaged file leads to."""
-    try:
-        yield
-    except (SafetensorError, LookupError, RuntimeError, TypeError, AttributeError) as error:
-        raise ValueError(f"it is damaged, or no such file ({error})") from error
-
-
-def finished_weights(stored: bytes) -> bytes:
-    """Strip a checkpoint of what only training needs."""
-    notes, tensors = read_tensors(stored)
-    kept = {name: tensor for name, tensor in tensors.items() if ":" not in name}
-    return write_tensors(kept, notes)
-
-
 def load_network(stored: bytes) -> ShapeNetwork:
     """Build the network of a file of weights or a checkpoint, ready to be asked.
 
@@ -284,13 +182,13 @@ def load_network(stored: bytes) -> ShapeNetwork:
         ValueError: if it is no such file, is damaged, or of a network that nobody would train.
     """
     notes, tensors = read_tensors(stored)
-    with _explaining():
+    with explaining():
         sizes = {name: int(notes[name]) for name in Architecture.__dataclass_fields__}
     if not all(1 <= sizes[name] <= most for name, most in LARGEST.items()):
         raise ValueError(f"sizes {sizes} are out of range; at most {LARGEST}")
     if sizes["width"] % sizes["heads"]:
         raise ValueError(f"a width of {sizes['width']} has not {sizes['heads']} equal heads")
-    with _explaining():
+    with explaining():
         network = ShapeNetwork(Architecture(**sizes))
         network.load_state_dict({n: t for n, t in tensors.items() if ":" not in n})
     return network.eval().requires_grad_(False)

@@ -6,11 +6,11 @@ transfer = animate_from_avatar(read, avatar, poses, figure.mesh)
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
 from bunraku.neural.avatars import Poses, rest_difference, rig_avatar, unlikeness
-from bunraku.neural.parts import Reader, Understanding
+from bunraku.neural.parts import Reader, Understanding, standing_height
+from bunraku.neural.smoothing import stiffen
 from bunraku.retargeting import Retarget, plan_embedded, retarget_clip, skeleton_of, turned_frames
 from bunraku.rotations import invert_rigid
 from bunraku.routes.from_rig import RigTransfer, animate_from_rig
@@ -110,10 +110,6 @@ def carry_learned(
     plan = plan_embedded(performer.skeleton, joints, turns, np.eye(3), scale)
     bind = turned_frames(performer.skeleton, joints, turns)
     clips = tuple(retarget_clip(clip, plan) for clip in performer.clips)
-    skin = Skin(keep_influences(understood.weights), invert_rigid(bind))
-    return Character(figure, skeleton_of(performer.skeleton, bind), skin, clips), plan
-
-
-def standing_height(mesh: Mesh, joints: Float[np.ndarray, "parts 3"]) -> float:
-    """Give the height of the hips over the ground."""
-    return max(float(joints[0, 1] - mesh.vertices[:, 1].min()), 1e-6)
+    weights = keep_influences(stiffen(understood.weights, figure))
+    skin, skeleton = Skin(weights, invert_rigid(bind)), skeleton_of(performer.skeleton, bind)
+    return Character(figure, skeleton, skin, clips), plan

@@ -9,15 +9,13 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from bunraku.errors import Code, announce, collecting_doubts
-from bunraku.formats import read_figure
 from bunraku.formats.files import Location
 from bunraku.retargeting import retarget_clip
 from bunraku.routes.from_rig import RigTransfer, animate_from_rig
 from bunraku.types import Character, Clip, Figure, Mesh
 from bunraku.verbs.failing import about
+from bunraku.verbs.figures import as_figure
 from bunraku.verbs.filming import capture, check_film, move_by_film
 from bunraku.verbs.performing import (
     BUILT_IN,
@@ -27,6 +25,7 @@ from bunraku.verbs.performing import (
     read_landmarks,
     read_performer,
 )
+from bunraku.verbs.posing import Posed, avatar_files, is_avatar_folder, pose
 from bunraku.verbs.results import Result
 
 
@@ -41,15 +40,16 @@ def animate(
     up: str | None = None,
     facing: str | None = None,
     force: bool = False,
-) -> Result:
+) -> Result | Posed:
     """Give a figure a skeleton, a skin and the clips of a performance.
 
     Args:
         figure: what is to move: a file (.glb .gltf .vrm .fbx .obj .ply .stl .off), or what `read`
             gave, or bare arrays in a Mesh, in metres, Y up, facing +Z.
         performance: a rigged character with clips (.glb .gltf .vrm .fbx), a motion (.bvh) that
-            moves the built-in human, a folder of depth frames, or a Character; None for the
-            built-in human and its clips.
+            moves the built-in human, a folder of depth frames, a folder of an avatar at rest and
+            posed (`pose` says what that is), or a Character; None for the built-in human and its
+            clips.
         clips: names of the clips to carry over; all of them, if none is named.
         landmarks: never needed: {"joint": (x, y, z), ...}, or a JSON file of it: where some of the
             performance's joints are, in the coordinates of the figure's file.
@@ -60,13 +60,17 @@ def animate(
         force: give the result even if the match is poor.
 
     Returns:
-        the moving figure, with every stage of the route.
+        the moving figure, with every stage of the route; what `pose` gives, if an avatar performs.
 
     Raises:
         FormatError: if a file cannot be read, or a clip or joint does not exist.
         MatchError: if the figure cannot be matched to the performance well enough.
     """
     began = time.perf_counter()
+    if isinstance(performance, str | os.PathLike) and is_avatar_folder(performance):
+        check_film(performance, clips, landmarks)
+        rest, posed = avatar_files(performance)
+        return pose(figure, rest, posed, seed=seed, up=up, facing=facing, force=force)
     found = as_figure(figure, up=up, facing=facing)
     if isinstance(performance, str | os.PathLike) and os.path.isdir(performance):
         check_film(performance, clips, landmarks)
@@ -131,25 +135,6 @@ def free_feet(transfer: RigTransfer, clips: Sequence[Clip]) -> RigTransfer:
     free = replace(transfer.plan, legs=())
     carried = tuple(retarget_clip(clip, free) for clip in clips)
     return replace(transfer, character=replace(transfer.character, clips=carried))
-
-
-def as_figure(
-    figure: Location | Figure | Mesh, *, up: str | None = None, facing: str | None = None
-) -> Figure:
-    """Read a figure, unless it is one; bare arrays become one of a single piece.
-
-    Raises:
-        FormatError: if the file cannot be read.
-        ValueError: if axes are given for what is no file.
-    """
-    if isinstance(figure, str | os.PathLike):
-        with about(os.fspath(figure)):
-            return read_figure(figure, up=up, facing=facing)
-    if up or facing:
-        raise ValueError("`up` and `facing` are about files; give them to `read`, or turn the mesh")
-    if isinstance(figure, Figure):
-        return figure
-    return Figure("mesh", figure, np.zeros(len(figure.vertices), np.int64))
 
 
 def _as_performer(performance: Location | Character | None) -> tuple[Character, str]:

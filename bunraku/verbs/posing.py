@@ -1,9 +1,10 @@
 """Avatars as performances: an avatar at rest and posed lets a figure take its poses."""
 
+import re
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -12,8 +13,9 @@ from jaxtyping import Float
 
 from bunraku import builtin
 from bunraku.errors import Code, announce, collecting_doubts
+from bunraku.evaluate.pose import Paper
 from bunraku.evaluate.report import report_avatar_transfer
-from bunraku.formats import read_figure
+from bunraku.formats import is_depth_folder
 from bunraku.formats.files import Location, read_bytes
 from bunraku.formats.sniffing import sniff
 from bunraku.graphs import mesh_edges
@@ -21,9 +23,11 @@ from bunraku.neural.parts import Reader
 from bunraku.routes.from_avatar import AvatarTransfer, animate_from_avatar
 from bunraku.skinning import play_clip
 from bunraku.types import Character, Figure, FormatError, Mesh
-from bunraku.verbs.animating import as_figure
 from bunraku.verbs.failing import about
+from bunraku.verbs.figures import as_front
 
+MESHES = (".glb", ".gltf", ".vrm", ".fbx", ".obj", ".ply", ".stl", ".off")
+REST = "rest"  # name of the file of an avatar at rest, in a folder of its own
 RATE = 24.0  # poses a second
 TORN = (
     3.0  # times its length at rest; edges of a pose in another vertex order are longer or shorter
@@ -100,7 +104,7 @@ def pose(
         MatchError: if avatar or figure cannot be understood well enough.
     """
     began = time.perf_counter()
-    found = as_figure(figure, up=up, facing=facing)
+    found = as_front(figure, up=up, facing=facing)
     if not posed:
         raise FormatError("--posed", "", "no pose is given; name a file", code=Code.OPTION)
     if not 0 < rate < 1000:
@@ -118,12 +122,49 @@ def pose(
     return Posed(found, name, transfer, time.perf_counter() - began)
 
 
+def is_avatar_folder(folder: Location) -> bool:
+    """Tell whether a folder holds an avatar: a mesh called `rest`, and no depth video."""
+    place = Path(folder)
+    return place.is_dir() and not is_depth_folder(place) and bool(_meshes(place)[0])
+
+
+def avatar_files(folder: Location) -> tuple[Path, list[Path]]:
+    """Name an avatar's files: at rest, and its poses in the order of their names.
+
+    Numbers in names count as numbers: pose-2 comes before pose-10.
+
+    Raises:
+        FormatError: if there are no poses, or more than one file is called `rest`.
+    """
+    place = Path(folder)
+    rest, posed = _meshes(place)
+    if len(rest) != 1:
+        message = f"holds {len(rest)} meshes called {REST}; call the avatar at rest so, and only it"
+        raise FormatError(place, "", message, code=Code.AVATAR_POSED)
+    if not posed:
+        message = f"holds {rest[0].name} and no poses; put the posed meshes beside it"
+        raise FormatError(place, "", message, code=Code.AVATAR_POSED)
+    return rest[0], posed
+
+
+def _meshes(place: Path) -> tuple[list[Path], list[Path]]:
+    """List a folder's mesh files: those called rest, and the others."""
+    files = [path for path in place.iterdir() if path.suffix.lower() in MESHES]
+
+    def by_number(path: Path) -> list[tuple[bool, int, str]]:
+        words = re.split(r"(\d+)", path.name.lower())
+        return [(w.isdecimal(), int(w) if w.isdecimal() else 0, w) for w in words]
+
+    rest = [path for path in files if path.stem.lower() == REST]
+    return rest, sorted((p for p in files if p not in rest), key=by_number)
+
+
 def _read_resting(place: Location | Mesh) -> Figure:
     """Read an avatar at rest, unless it is one."""
     if isinstance(place, Mesh):
         return Figure("avatar", place, np.zeros(len(place.vertices), np.int64))
     with about(str(place)):
-        return replace(read_figure(place), path=str(place))
+        return replace(as_front(place), path=str(place))
 
 
 def _read_as_rest(resting: Figure, place: Location) -> Mesh:
@@ -134,7 +175,7 @@ def _read_as_rest(resting: Figure, place: Location) -> Mesh:
     up = "z" if resting.world_from_file[1, 2] > 0.5 else "y"
     with about(str(place)):
         says = sniff(place, read_bytes(place)) in ("gltf", "fbx")
-        return read_figure(place, up=None if says else up).mesh
+        return as_front(place, up=None if says else up).mesh
 
 
 def _read_pose(resting: Figure, place: Location | Mesh) -> Float[np.ndarray, "v 3"]:
@@ -196,6 +237,28 @@ def load_reader(network: Location | None, seed: int, *, purpose: str = "bunraku 
     except ValueError as error:
         message = "holds no shape network; make one with bunraku train shape"
         raise FormatError(network, "", message, code=Code.NETWORK) from error
+
+
+def load_paper(paths: Sequence[Location], *, purpose: str) -> dict[str, Paper]:
+    """Load the paper's form from files of `bunraku train deform`, by kind.
+
+    Raises:
+        FormatError: if PyTorch is not there, or a file holds no such networks.
+    """
+    need_torch(purpose)
+    from bunraku.neural.implicit.form import answer
+    from bunraku.neural.implicit.training import load_form
+
+    forms: dict[str, Paper] = {}
+    for path in paths:
+        stored = read_bytes(path)
+        try:
+            form = load_form(stored)
+        except ValueError as error:
+            message = "holds no networks of the paper's form; make them with bunraku train deform"
+            raise FormatError(path, "", message, code=Code.NETWORK) from error
+        forms[form.kind] = partial(answer, form)
+    return forms
 
 
 def need_torch(purpose: str) -> None:

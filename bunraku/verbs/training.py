@@ -1,21 +1,27 @@
 """Train networks, a checkpoint beside the weights: a stop or a crash costs minutes at most."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from threadpoolctl import threadpool_limits
 
+from bunraku import builtin
 from bunraku.errors import Code
 from bunraku.formats.files import Location, read_bytes, write_atomically
 from bunraku.types import FormatError
 from bunraku.verbs.posing import need_torch
 
 if TYPE_CHECKING:
-    from bunraku.neural.corpus import Corpus, Size
-    from bunraku.neural.training import Course, Progress
+    from bunraku.neural.checkpoints import Progress
+    from bunraku.neural.corpus import Size
+    from bunraku.neural.implicit.corpus import Size as DeformSize
+    from bunraku.neural.implicit.training import Course as DeformCourse
+    from bunraku.neural.training import Course
 
 
 def train_shape(
@@ -25,6 +31,7 @@ def train_shape(
     resume: bool = False,
     steps: int | None = None,
     until: int | None = None,
+    weights: Location | None = None,
     seed: int = 0,
     size: "Size | None" = None,
     show: Callable[["Progress", int], None] = lambda progress, steps: None,
@@ -39,6 +46,7 @@ def train_shape(
         steps: of the course; as long as that of the built-in network without.
         until: end the course early, at this step, and write the weights as they are then; at once
             if the checkpoint is of that step.
+        weights: a file of weights that the course begins with; it is shorter then, and slower.
         seed: of everything that is drawn.
         size: how many bodies; as many as for the built-in network without.
         show: told of progress, with the length of the course.
@@ -51,37 +59,131 @@ def train_shape(
             checkpoint of this course to go on from, or there is one that would be lost.
     """
     need_torch("bunraku train")
+    from bunraku.neural import training
+    from bunraku.neural.checkpoints import finished_weights
     from bunraku.neural.corpus import Size, default_folder, load_corpus
-    from bunraku.neural.training import Course, read_step
 
-    ends = time.monotonic() + 60 * (minutes if minutes is not None else float("inf"))
     size = size or Size()
-    if size.people and find_spec("anny") is None:
+    need_people(size.people)
+    if weights is not None:
+        course = training.tuning_course(_read_weights(weights), steps=steps, seed=seed)
+    else:
+        course = training.Course(seed=seed)
+        course = course if steps is None else replace(course, steps=steps)
+    work = Work(
+        *("shape", course, partial(load_corpus, default_folder(), size, seed)),
+        *(training.train, finished_weights),
+    )
+    return _train(work, out, minutes=minutes, resume=resume, until=until, show=show)
+
+
+def train_deform(
+    out: Location | None = None,
+    *,
+    kind: str = "person",
+    minutes: float | None = None,
+    resume: bool = False,
+    until: int | None = None,
+    seed: int = 0,
+    course: "DeformCourse | None" = None,
+    size: "DeformSize | None" = None,
+    show: Callable[["Progress", int], None] = lambda progress, steps: None,
+) -> str:
+    """Train the paper's form: pose space, shape codes, offsets; see `train_shape`.
+
+    Args:
+        kind: person or quadruped.
+        course: how long each phase is; as long as that of the built-in networks without.
+        size: how many shapes; as many as in the paper without.
+    """
+    need_torch("bunraku train")
+    from bunraku.neural.corpus import KINDS, default_folder
+    from bunraku.neural.implicit import training
+    from bunraku.neural.implicit.corpus import SIZES, load_implicit_corpus
+
+    if kind not in KINDS:
+        message = f"is {kind!r}; wanted one of {', '.join(KINDS)}"
+        raise FormatError("--kind", "", message, code=Code.OPTION)
+    size = size or SIZES[kind]
+    need_people(size.labelled if kind == "person" else 0)
+    course = course or training.Course(kind=kind, seed=seed)
+    work = Work(
+        *(
+            "deform",
+            course,
+            partial(load_implicit_corpus, default_folder(), size, seed, builtin.human()),
+        ),
+        *(training.train, training.finished_form),
+    )
+    return _train(work, out, minutes=minutes, resume=resume, until=until, show=show)
+
+
+def _read_weights(path: Location) -> bytes:
+    """Read weights of a shape network to begin with."""
+    from bunraku.neural.training import load_network
+
+    stored = read_bytes(path)
+    try:
+        load_network(stored)
+    except ValueError as error:
+        message = f"holds no shape network ({error})"
+        raise FormatError(path, "", message, code=Code.NETWORK) from error
+    return stored
+
+
+def need_people(count: int) -> None:
+    """Say how to install anny, if bodies of it are wanted and it is not there."""
+    if count and find_spec("anny") is None:
         message = 'needs the parametric body anny: pip install "bunraku[train]"'
         raise FormatError("bunraku train", "", message, code=Code.EXTRA_MISSING)
-    course = Course(seed=seed) if steps is None else Course(steps=steps, seed=seed)
-    goal = _check_range(course.steps, until, minutes)
-    path = Path(out) if out is not None else default_folder() / "shape.safetensors"
+
+
+@dataclass(frozen=True, eq=False)
+class Work:
+    """What is to be trained, and how."""
+
+    name: str  # of the weights, if no file is named
+    course: "Course | DeformCourse"
+    load: Callable[[], Any]  # the corpus
+    train: Callable[..., "Iterator[Progress]"]
+    finish: Callable[[bytes], bytes]  # a checkpoint to weights
+
+
+def _train(
+    work: Work,
+    out: Location | None,
+    *,
+    minutes: float | None,
+    resume: bool,
+    until: int | None,
+    show: Callable[["Progress", int], None],
+) -> str:
+    """Train until the goal, or for so long, from a checkpoint if there is one to go on from."""
+    from bunraku.neural.checkpoints import read_step
+    from bunraku.neural.corpus import default_folder
+
+    ends = time.monotonic() + 60 * (minutes if minutes is not None else float("inf"))
+    steps = work.course.steps
+    goal = _check_range(steps, until, minutes)
+    path = Path(out) if out is not None else default_folder() / f"{work.name}.safetensors"
     place = path.with_suffix(".checkpoint")
-    start = _find_start(place, repr(course), goal, resume=resume)
+    start = _find_start(place, repr(work.course), goal, resume=resume)
     if start is not None and read_step(start) == goal:
-        return _finish(path, start, course.steps)
+        return _finish(work, path, start)
     path.parent.mkdir(parents=True, exist_ok=True)
 
     def stop(step: int) -> bool:
         return step >= goal or time.monotonic() > ends
 
     with threadpool_limits(limits=1):
-        corpus = load_corpus(default_folder(), size, seed)
-        latest = _train_on(corpus, course, start, place, stop=stop, show=show)
+        latest = _train_on(work, start, place, stop=stop, show=show)
     if (last := read_step(latest)) < goal:
-        return f"{place}: step {last} of {course.steps}; go on with --resume"
-    return _finish(path, latest, course.steps)
+        return f"{place}: step {last} of {steps}; go on with --resume"
+    return _finish(work, path, latest)
 
 
 def _train_on(
-    corpus: "Corpus",
-    course: "Course",
+    work: Work,
     start: bytes | None,
     place: Path,
     *,
@@ -89,8 +191,6 @@ def _train_on(
     show: Callable[["Progress", int], None],
 ) -> bytes:
     """Train until told to stop, every checkpoint in its place; give the last one."""
-    from bunraku.neural.training import train
-
     latest = start or b""
 
     def keep(stored: bytes) -> None:
@@ -98,9 +198,10 @@ def _train_on(
         write_atomically(place, stored)
         latest = stored
 
+    corpus = work.load()
     try:
-        for progress in train(corpus, course, start=start, keep=keep, stop=stop):
-            show(progress, course.steps)
+        for progress in work.train(corpus, work.course, start=start, keep=keep, stop=stop):
+            show(progress, work.course.steps)
     except FormatError:
         raise
     except ValueError as error:
@@ -108,12 +209,12 @@ def _train_on(
     return latest
 
 
-def _finish(path: Path, stored: bytes, steps: int) -> str:
+def _finish(work: Work, path: Path, stored: bytes) -> str:
     """Write the weights of a checkpoint; say so."""
-    from bunraku.neural.training import finished_weights, read_step
+    from bunraku.neural.checkpoints import read_step
 
-    write_atomically(path, finished_weights(stored))
-    return f"{path}: trained {read_step(stored)} steps of a course of {steps}"
+    write_atomically(path, work.finish(stored))
+    return f"{path}: trained {read_step(stored)} steps of a course of {work.course.steps}"
 
 
 def _check_range(steps: int, until: int | None, minutes: float | None) -> int:
@@ -130,7 +231,7 @@ def _check_range(steps: int, until: int | None, minutes: float | None) -> int:
 
 def _find_start(place: Path, course: str, goal: int, *, resume: bool) -> bytes | None:
     """Read the checkpoint to go on from; starting anew, refuse to lose one of the same course."""
-    from bunraku.neural.training import check_origin, read_origin
+    from bunraku.neural.checkpoints import check_origin, read_origin
 
     if not resume and not place.is_file():
         return None

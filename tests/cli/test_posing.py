@@ -69,3 +69,39 @@ def test_no_pose_of_several_is_written_over_an_input(files, capsys, read):
     line = capsys.readouterr().err.strip()
     assert "out-002.obj: is also read" in line and "\n" not in line
     assert names[read].read_bytes() == before and not (files / "out-001.obj").exists()
+
+
+def test_animate_takes_a_folder_of_an_avatar_and_writes_over_none_of_it(files, capsys):
+    pytest.importorskip("torch", reason="torch is not there: pip install bunraku[neural]")
+    folder = files / "avatar"
+    folder.mkdir()
+    (files / "rest.obj").rename(folder / "rest.obj")
+    pose = bunraku.read(files / "bent.obj").mesh
+    bunraku.write(folder / "bent.glb", pose)
+    kept = (folder / "bent.glb").read_bytes()
+    arguments = ["animate", str(files / "hero.obj"), "--with", str(folder)]
+    assert run([*arguments, "-o", str(folder / "bent.glb")]) == 2
+    assert "bent.glb: is also read" in capsys.readouterr().err
+    assert (folder / "bent.glb").read_bytes() == kept
+    (folder / "bent.glb").unlink()
+    assert run([*arguments, "-o", str(files / "out.glb")]) == 2
+    line = capsys.readouterr().err.strip()
+    assert "no poses" in line and "[AVATAR_POSED]" in line and "\n" not in line
+
+
+def test_training_and_its_rows_end_in_one_line_if_they_cannot_be(tmp_path, capsys):
+    pytest.importorskip("torch", reason="torch is not there: pip install bunraku[neural]")
+    out, broken = str(tmp_path / "net.safetensors"), tmp_path / "broken.safetensors"
+    broken.write_bytes(b"nothing")
+    cases = {
+        "wanted one of person, quadruped": ["train", "deform", "-o", out, "--kind", "fish"],
+        "net.checkpoint": ["train", "deform", "-o", out, "--kind", "quadruped", "--resume"],
+        "holds no networks of the paper's form": [
+            *("evaluate", "pose", "--data", str(tmp_path), "--deform", str(broken))
+        ],
+    }
+    for wanted, arguments in cases.items():
+        assert run(arguments) == 2
+        line = capsys.readouterr().err.strip()
+        assert line.startswith("error: ") and wanted in line
+        assert "\n" not in line and len(line) <= 300

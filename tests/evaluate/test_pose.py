@@ -75,11 +75,34 @@ class Oracle:
 
 def test_a_row_scores_every_method_and_the_oracle_wins(task):
     row = pose.measure(task, read=Oracle(task))
-    assert set(row.scores) >= set(pose.METHODS) - {"registration"} and not row.failure
+    methods = set(pose.METHODS) - {"registration"} - set(pose.PAPER)
+    assert set(row.scores) >= methods and not row.failure and row.paper_parts is None
     assert row.scores["network"].pmd < 0.2 * row.scores["static"].pmd
     assert row.scores["network"].pmd < 0.5 * row.scores["nearest triangles"].pmd
     assert row.parts == 1.0 and row.key() == task.key()
     assert "hippos" in pose.describe(row) and pose.tabulate([row]).row_count == 1
+
+
+def test_the_papers_form_gets_its_rows_if_it_is_there(task):
+    """Asked with both surfaces and what the route understood of them."""
+
+    @dataclasses.dataclass
+    class Answer:
+        frames: dict
+        labels: np.ndarray
+        seconds: float
+
+    def still(avatar, poses, figure):
+        assert avatar[0] is task.avatar.mesh and figure[0] is task.figure
+        assert avatar[1].kind == figure[1].kind == "quadruped" and poses is task.poses
+        moved = np.broadcast_to(task.figure.vertices, task.truth.shape)
+        return Answer(dict.fromkeys(pose.PAPER, moved), task.parts, 2.0)
+
+    row = pose.measure(task, read=Oracle(task), paper={"quadruped": still})
+    assert row.scores["paper adapted"] == row.scores["static"]
+    assert row.paper_parts == 1.0 and row.paper_seconds == 2.0
+    other = pose.measure(task, read=Oracle(task), paper={"person": still})
+    assert "paper" not in other.scores
 
 
 def test_a_reader_that_fails_leaves_a_row_that_says_so(task):

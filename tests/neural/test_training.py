@@ -9,12 +9,12 @@ torch = pytest.importorskip("torch", reason="torch is not there: pip install bun
 pytest.importorskip("safetensors", reason="safetensors is not there: pip install bunraku[neural]")
 
 from bunraku import builtin  # noqa: E402
+from bunraku.neural.checkpoints import finished_weights  # noqa: E402
 from bunraku.neural.corpus import Size, build_corpus, draw_sculpted, load_corpus  # noqa: E402
 from bunraku.neural.network import ShapeNetwork, encode, spread_points  # noqa: E402
 from bunraku.neural.training import (  # noqa: E402
     Course,
     draw_batch,
-    finished_weights,
     load_network,
     rate_at,
     train,

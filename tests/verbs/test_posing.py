@@ -1,3 +1,5 @@
+import json
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from bunraku.rotations import vectors_to_matrices
 from bunraku.skinning import play_clip
 from bunraku.types import FormatError, MatchError, Mesh
 from bunraku.verbs import posing, training
+from bunraku.verbs.figures import as_front
 
 
 @pytest.fixture(scope="module")
@@ -140,7 +143,7 @@ def test_a_file_that_is_no_network_is_refused(avatar, cube, tmp_path):
 
 def test_a_network_of_impossible_numbers_is_refused(avatar, cube, tmp_path):
     torch = pytest.importorskip("torch", reason="torch is not there: pip install bunraku[neural]")
-    from bunraku.neural.training import read_tensors, write_tensors
+    from bunraku.neural.checkpoints import read_tensors, write_tensors
 
     notes, tensors = read_tensors(builtin.shape_network())
     spoilt = {**tensors, "kind.bias": torch.full((2,), torch.nan)}
@@ -234,3 +237,63 @@ def test_a_damaged_checkpoint_is_refused_in_one_line(train, tmp_path):
         with pytest.raises(FormatError) as caught:
             train(resume=True)
         assert caught.value.code is Code.NETWORK and "\n" not in str(caught.value)
+
+
+def write_avatar(folder, avatar, poses):
+    folder.mkdir()
+    bunraku.write(folder / "rest.obj", avatar.mesh)
+    for i, mesh in zip((2, 10), poses, strict=True):
+        bunraku.write(folder / f"pose-{i}.obj", mesh)
+    return folder
+
+
+def test_an_avatar_in_a_folder_is_a_performance(avatar, poses, tmp_path):
+    """`animate` finds the route from what performs; poses come in the order of their numbers."""
+    pytest.importorskip("torch", reason="torch is not there: pip install bunraku[neural]")
+    folder = write_avatar(tmp_path / "avatar", avatar, poses)
+    rest, posed = posing.avatar_files(folder)
+    assert rest.name == "rest.obj" and [p.name for p in posed] == ["pose-2.obj", "pose-10.obj"]
+    figure = draw_sculpted("rounded", np.random.default_rng(8)).mesh
+    moved = bunraku.animate(figure, folder, force=True)
+    assert isinstance(moved, posing.Posed) and len(moved.character.clips[0].times) == 2
+    same = bunraku.pose(figure, rest, posed, force=True)
+    assert np.array_equal(moved.surfaces[1].vertices, same.surfaces[1].vertices)
+    bunraku.write(tmp_path / "out.glb", moved)
+    with pytest.raises(FormatError, match="has no clip 'Walk'"):
+        bunraku.animate(figure, folder, ["Walk"])
+
+
+def test_folders_that_are_no_avatar_say_why(avatar, poses, tmp_path):
+    folder = write_avatar(tmp_path / "avatar", avatar, poses)
+    for path in folder.glob("pose-*"):
+        path.unlink()
+    with pytest.raises(FormatError, match="no poses"):
+        posing.avatar_files(folder)
+    (folder / "rest.ply").write_bytes((folder / "rest.obj").read_bytes())
+    assert posing.is_avatar_folder(folder)
+    with pytest.raises(FormatError, match="2 meshes called rest"):
+        posing.avatar_files(folder)
+    (folder / "rest.ply").unlink()
+    (folder / "rest.obj").rename(folder / "still.obj")
+    assert not posing.is_avatar_folder(folder)
+
+
+def test_a_figure_that_looks_back_is_turned_for_those_who_know_left_from_right(tmp_path):
+    """VRM 0 looks along -Z by definition; the same surface as plain glTF does not."""
+    rigged = bunraku.rig(builtin.figure_paths()["stylised"], force=True)
+    bunraku.write(tmp_path / "plain.glb", rigged)
+    plain = (tmp_path / "plain.glb").read_bytes()
+    length = int.from_bytes(plain[12:16], "little")
+    document = json.loads(plain[20 : 20 + length])
+    document.setdefault("extensionsUsed", []).append("VRM")
+    document.setdefault("extensions", {})["VRM"] = {"specVersion": "0.0"}
+    text = json.dumps(document).encode()
+    text += b" " * (-len(text) % 4)
+    chunk = len(text).to_bytes(4, "little") + b"JSON" + text + plain[20 + length :]
+    whole = plain[:8] + (12 + len(chunk)).to_bytes(4, "little") + chunk
+    (tmp_path / "back.vrm").write_bytes(whole)
+    front, back = (as_front(tmp_path / name) for name in ("plain.glb", "back.vrm"))
+    turned = front.mesh.vertices * [-1.0, 1.0, -1.0]
+    assert np.allclose(back.mesh.vertices, turned)
+    kept = as_front(tmp_path / "back.vrm", facing="+z")
+    assert np.allclose(kept.mesh.vertices, front.mesh.vertices)

@@ -2,7 +2,14 @@
 
 from bunraku.formats.gltf.character import read_character
 from bunraku.formats.gltf.description import describe
-from bunraku.formats.gltf.figure import read_figure
+from bunraku.formats.gltf.figure import looks_back, read_figure
 from bunraku.formats.gltf.writing import encode_character, encode_mesh
 
-__all__ = ["describe", "encode_character", "encode_mesh", "read_character", "read_figure"]
+__all__ = [
+    "describe",
+    "encode_character",
+    "encode_mesh",
+    "looks_back",
+    "read_character",
+    "read_figure",
+]

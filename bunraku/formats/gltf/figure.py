@@ -63,6 +63,12 @@ def read_figure(
     return figure
 
 
+def looks_back(figure: Figure) -> bool:
+    """Tell whether a figure looks along -Z in its file, as VRM 0 does by definition."""
+    kept = figure.document
+    return isinstance(kept, FigureDocument) and "VRM" in kept.document.gltf.extensions_used
+
+
 def build_figure(
     document: Document,
     tree: Tree,
