@@ -10,6 +10,7 @@ import typer
 
 from bunraku.cli.failures import printing_warnings
 from bunraku.cli.options import (
+    BaselinesOption,
     ClipsOption,
     DataOption,
     JsonOption,
@@ -95,6 +96,7 @@ def capture_table(
     pairs: ClipsOption = None,
     limit: LimitOption = None,
     thorough: ThoroughOption = False,
+    baselines: BaselinesOption = False,
     state: StateOption = None,
     json: JsonOption = None,
 ) -> None:
@@ -107,7 +109,9 @@ def capture_table(
     check_output(json, [".json"], inputs=[])
     check_output(state, [], inputs=[json])
     folder, names = find_data(data), pairs or ()
-    tasks = capture.find_tasks(folder, names=names, clip_count=3 if thorough else 1)
+    methods = tuple(capture.METHODS) if baselines else (capture.OURS,)
+    clips = 3 if thorough else 1
+    tasks = capture.find_tasks(folder, names=names, clip_count=clips, methods=methods)
     with printing_warnings(folder):
         chosen = sample(group_by_family(tasks), limit)
         rows = print_rows(chosen, capture.measure, capture.describe, kind=capture.Row, state=state)

@@ -18,6 +18,7 @@ from bunraku.types import Character, Mesh
 
 logger = logging.getLogger(__name__)
 CLEARLY = 0.9  # of the carried figure's error: what is fitted to depth is always a little nearer
+ALIKE = 1.15  # of the bone by bone fit's error: a figure that fits as it stands needs no turns
 Paths = Float[np.ndarray, "frames vertices 3"]
 
 
@@ -38,6 +39,8 @@ def follow_figure(
     embedding: Embedding,
     figure: Mesh,
     weights: Float[np.ndarray, "figure_vertices bones"],
+    *,
+    whole: bool = True,
 ) -> Followed:
     """Choose who moves the figure: the seen side, or the figure followed as a whole.
 
@@ -47,27 +50,55 @@ def follow_figure(
     Args:
         figure: its closed proxy.
         weights: of the seen side's bones on it.
+        whole: whether the figure may be followed as a whole.
     """
     performer = capture.character
     carried = carry_figure(performer, capture.bones, embedding, figure, weights)
     sight = Sight(capture.views, capture.intrinsics, capture.diagonal / 2)
+    theirs = depth_errors(carried - capture.eye, figure.faces, sight)
+    seen = Followed(performer, weights, embedding.joints, embedding.turns, theirs, whole=False)
+    if not whole:
+        return seen
     frame = embedding.frame if embedding.frame >= 0 else capture.track.reference
-    surface = carried[frame]
+    surface, exact = lay_figure(carried[frame], embedding, figure, capture, frame)
     curves = extract_curves(surface, figure.faces)
     centred = replace(curves, nodes=curves.nodes - capture.eye)
-    place = surface - capture.eye, figure.faces, centred
-    paths = follow_whole(*place, sight, frame, progress=announce_frames())
+    placed = Mesh(surface - capture.eye, figure.faces)
+    paths = follow_whole(placed, centred, sight, frame, exact=exact, progress=announce_frames())
     ours = depth_errors(paths, figure.faces, sight)
-    theirs = depth_errors(carried - capture.eye, figure.faces, sight)
     logger.info("depth error %.4f m followed, %.4f m carried", ours.mean(), theirs.mean())
     if not is_clearly_nearer(ours, theirs, frame):
-        turns = embedding.turns
-        return Followed(performer, weights, embedding.joints, turns, theirs, whole=False)
+        return seen
     bones, mover = rig_surface(curves, paths + capture.eye, figure.faces, frame, capture.times)
     joints, turned = lay_bones(mover, bones, figure)
     return Followed(
         *(mover, mover.skin.weights, joints, embedding.heading.T @ turned, ours), whole=True
     )
+
+
+def lay_figure(
+    carried: Float[np.ndarray, "vertices 3"],
+    embedding: Embedding,
+    figure: Mesh,
+    capture: Capture,
+    frame: int,
+) -> tuple[Float[np.ndarray, "vertices 3"], bool]:
+    """Lay a figure on the performer in one frame: as it stands, if it fits so, or bone by bone.
+
+    A figure that stands as the performer does needs no turns, and those found for it are noise,
+    most of all for limbs that the camera does not see.
+
+    Returns:
+        the figure's vertices in the performer's frame, and whether it lies there as it stands.
+    """
+    whole = embedding.whole
+    standing = (figure.vertices - whole.shift) @ whole.rotation / whole.scale
+    sight = Sight((capture.views[frame],) * 2, capture.intrinsics, capture.diagonal / 2)
+    both = np.stack([standing, carried]) - capture.eye
+    errors = depth_errors(both, figure.faces, sight)
+    logger.info("depth error %.4f m as it stands, %.4f m bone by bone", *errors)
+    stands = bool(errors[0] <= ALIKE * errors[1])
+    return (standing if stands else carried), stands
 
 
 def is_clearly_nearer(

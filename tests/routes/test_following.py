@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bunraku.embedding import embed, spread_weights
+from bunraku.embedding import best_similarity, embed, spread_weights
 from bunraku.evaluate.metrics import reconstruction_error
 from bunraku.evaluate.report import report_depth_transfer
 from bunraku.proxy import build_proxy
@@ -13,6 +13,7 @@ from bunraku.routes.following import (
     follow_figure,
     is_clearly_nearer,
     lay_bones,
+    lay_figure,
 )
 from bunraku.routes.from_depth import animate_from_depth
 from bunraku.skinning import play_clip
@@ -63,6 +64,23 @@ def test_a_figure_is_followed_only_where_its_worst_frames_are_nearer_too():
     assert not is_clearly_nearer(started, started, 0)
     # another build: carried it lies far from the depth, but no farther at the end
     assert not is_clearly_nearer(lost, started + 0.1, 0)
+
+
+def test_a_figure_that_stands_as_the_performer_is_laid_as_it_stands(
+    capture, film, figure, embedding
+):
+    frame = capture.track.reference
+    truth = (figure.vertices - [2.0, 1.0, 0.0]) / 1.5 + capture.eye
+    whole = best_similarity(truth, figure.vertices, np.ones(len(truth)))
+    exact = replace(embedding, whole=whole)
+    off = truth + 0.05 * np.sin(9.0 * truth)
+    surface, stands = lay_figure(off, exact, figure, capture, frame)
+    assert stands
+    np.testing.assert_allclose(surface, truth, atol=1e-9)
+    other = replace(exact, whole=replace(whole, shift=whole.shift + 0.5))
+    surface, stands = lay_figure(off, other, figure, capture, frame)
+    assert not stands
+    np.testing.assert_array_equal(surface, off)
 
 
 def test_bones_are_laid_where_their_surface_is(capture, figure, film):
