@@ -102,7 +102,7 @@ def capture_table(
 ) -> None:
     """Film characters with a depth camera, capture them, and let them move themselves."""
     from bunraku.cli.steps import check_output
-    from bunraku.evaluate import capture
+    from bunraku.evaluate import capture, capture_across
     from bunraku.evaluate.results import group_by_family, sample
     from bunraku.types import FormatError
 
@@ -115,10 +115,18 @@ def capture_table(
     with printing_warnings(folder):
         chosen = sample(group_by_family(tasks), limit)
         rows = print_rows(chosen, capture.measure, capture.describe, kind=capture.Row, state=state)
-    if not rows:
+        across = group_by_family(capture_across.find_tasks(folder, names=names))
+        others = print_rows(
+            sample(across, limit),
+            *(capture_across.measure, capture_across.describe),
+            kind=capture_across.Row,
+            state=state and state.with_suffix(".across" + state.suffix),
+        )
+    if not rows and not others:
         wanted = "such clips" if names else "characters that move"
         raise FormatError(folder, "", f"holds no {wanted}; give another folder or other --pairs")
-    finish([capture.tabulate(rows)], rows, json)
+    tables = [capture.tabulate(rows)] * bool(rows)
+    finish([*tables, *[capture_across.tabulate(others)] * bool(others)], [*rows, *others], json)
 
 
 @evaluate.command("weights", epilog="Example: bunraku evaluate weights --data shared/data/weights")
