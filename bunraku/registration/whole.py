@@ -28,8 +28,8 @@ from bunraku.types import Mesh
 
 Paths = Float[np.ndarray, "frames vertices 3"]
 ASKED = 1500  # points of each side that an error is measured from
-# ball joints hold; hidden limbs come back, and do not stick out
-SETTINGS = Settings(rigidity=100.0, behind=True, outline=0.3)
+# ball joints hold; hidden limbs come back, but not to all that is unexplained, nor stick out
+SETTINGS = Settings(rigidity=100.0, behind=True, outline=0.6, unexplained=0.15, reach=0.25)
 
 
 def follow_whole(

@@ -94,5 +94,5 @@ def animate_from_depth(
             plan,
             Character(figure, skeleton_of(source, bind), skin, clips),
         ),
-        *(embedding.confidence, embedding.doubts, watch.end()),
+        *(embedding.confidence, embedding.doubts + followed.doubts, watch.end()),
     )

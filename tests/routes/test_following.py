@@ -9,6 +9,7 @@ from bunraku.evaluate.report import report_depth_transfer
 from bunraku.proxy import build_proxy
 from bunraku.routes import following
 from bunraku.routes.following import (
+    Followed,
     carry_figure,
     follow_figure,
     is_clearly_nearer,
@@ -81,6 +82,20 @@ def test_a_figure_that_stands_as_the_performer_is_laid_as_it_stands(
     surface, stands = lay_figure(off, other, figure, capture, frame)
     assert not stands
     np.testing.assert_array_equal(surface, off)
+
+
+def test_a_result_that_leaves_much_of_the_motion_is_doubted(capture, embedding):
+    still = np.array([0.02, 0.06, 0.10])
+    own = np.ones((4, len(embedding.joints))), embedding.joints, embedding.turns
+
+    def doubts(errors: list[float], still: np.ndarray) -> tuple[str, ...]:
+        found = Followed(capture.character, *own, np.array(errors), still, whole=False)
+        return found.doubts
+
+    assert doubts([0.02, 0.03, 0.03], still) == ()
+    (told,) = doubts([0.02, 0.04, 0.06], still)
+    assert "by 40 mm" in told and "by 60 mm" in told
+    assert doubts([0.023, 0.023, 0.023], np.full(3, 0.022)) == ()  # who stands still may
 
 
 def test_bones_are_laid_where_their_surface_is(capture, figure, film):
