@@ -103,13 +103,14 @@ def capture_table(
     """Film characters with a depth camera, capture them, and let them move themselves."""
     from bunraku.cli.steps import check_output
     from bunraku.evaluate import capture, capture_across
+    from bunraku.evaluate.capture_baselines import METHODS, OURS
     from bunraku.evaluate.results import group_by_family, sample
     from bunraku.types import FormatError
 
     check_output(json, [".json"], inputs=[])
     check_output(state, [], inputs=[json])
     folder, names = find_data(data), pairs or ()
-    methods = tuple(capture.METHODS) if baselines else (capture.OURS,)
+    methods = tuple(METHODS) if baselines else (OURS,)
     clips = 3 if thorough else 1
     tasks = capture.find_tasks(folder, names=names, clip_count=clips, methods=methods)
     with printing_warnings(folder):

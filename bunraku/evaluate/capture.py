@@ -57,7 +57,7 @@ class Row:
     failure: str = ""
     method: str = OURS
 
-    def key(self) -> tuple[str, ...]:
+    def key(self) -> tuple[str, str, str, str, str]:
         """Tell this row from every other one of the table."""
         return self.family, self.character, self.clip, self.camera, self.method
 
@@ -81,7 +81,7 @@ class Task:
     frames: int
     method: str = OURS
 
-    def key(self) -> tuple[str, ...]:
+    def key(self) -> tuple[str, str, str, str, str]:
         """Tell this row from every other one of the table."""
         return self.family, self.member.name, self.name, self.camera, self.method
 
@@ -142,7 +142,8 @@ def measure(task: Task) -> Row:
     """Film, capture, move the figure, compare."""
     character = task.member.character
     film = film_character(character, task.clip, turn=VIEWS[task.camera], most_frames=task.frames)
-    row = Row(*task.key()[:4], len(film.places), method=task.method)
+    named = task.family, task.member.name, task.name, task.camera
+    row = Row(*named, len(film.places), method=task.method)
     row = replace(
         row, **compare(np.broadcast_to(film.places[0], film.places.shape), film, "static")
     )

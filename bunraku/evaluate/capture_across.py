@@ -61,7 +61,7 @@ class Row:
     seconds: float | None = None
     failure: str = ""
 
-    def key(self) -> tuple[str, ...]:
+    def key(self) -> tuple[str, str, str, str, str]:
         """Tell this row from every other one of the table."""
         return self.family, self.performer, self.figure, self.clip, self.camera
 
@@ -76,10 +76,10 @@ class Task:
     name: str
     camera: str
 
-    def key(self) -> tuple[str, ...]:
+    def key(self) -> tuple[str, str, str, str, str]:
         """Tell this row from every other one of the table."""
         names = self.performer.name, self.figure.name
-        return self.family, *names, self.name, self.camera
+        return self.family, names[0], names[1], self.name, self.camera
 
 
 def find_tasks(
@@ -118,7 +118,7 @@ def performs_alike(performer: Member, other: Member) -> bool:
 def shared_clip(performer: Member, other: Member) -> str:
     """Name the clip that a pair is compared on, a walk if they have one; "" for none."""
     clips = plain_names(performer.character.clips)
-    both = [name for name in common_clips(performer.character, other.character)]
+    both = common_clips(performer.character, other.character)
     moving = [name for name in both if moves(clips[name])]
     return next((n for gait in ("walk", "run", "") for n in moving if gait in n), "")
 
