@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Int
 from rich.table import Table
 
 from bunraku.evaluate import metrics
-from bunraku.evaluate.capture import CAMERAS, at_times, may_hold, moves
+from bunraku.evaluate.capture import CAMERAS, at_times, moves
 from bunraku.evaluate.families import (
     Member,
     can_teach,
@@ -93,7 +93,7 @@ def find_tasks(
     """
     for parent, paths in rigged_files(folder).items():
         family = parent.relative_to(folder).as_posix()
-        if not may_hold(f"{family}/{[path.stem for path in paths]}", names):
+        if not any(may_perform(f"{family}/{path.stem}", names) for path in paths):
             continue
         members = list(read_members(paths).values())
         for place, performer in enumerate(members):
@@ -107,6 +107,13 @@ def find_tasks(
                 full = f"{family}/{performer.name}>{other.name}:{clip}:{camera}".lower()
                 if not names or any(part.lower() in full for part in names):
                     yield Task(family, performer, other, clip, camera)
+
+
+def may_perform(name: str, parts: Sequence[str]) -> bool:
+    """Tell whether a character may be the performer of a wanted pair, before files are read."""
+    heads = [part.partition(">")[0].lower() for part in parts if ">" in part]
+    loose = any(">" not in part and ":" not in part for part in parts)
+    return not parts or loose or any(head in name.lower() for head in heads)
 
 
 def performs_alike(performer: Member, other: Member) -> bool:

@@ -41,8 +41,13 @@ PAPER = Settings(
 
 
 def capture_as_paper(video: DepthVideo) -> Capture:
-    """Capture with the paper's N-ICP."""
-    return capture_performer(video, settings=PAPER)
+    """Capture with the paper's N-ICP, joints moving as their rings do (Eq. 14)."""
+    capture = capture_performer(video, settings=PAPER)
+    bones, reference = capture.bones, capture.track.reference
+    surface = capture.track.places + capture.eye, capture.views[reference].faces
+    rings = capture.curves.owners == bones.rings[:, None]
+    character = rig_bones(bones, surface, reference, capture.times, rings=rings)
+    return replace(capture, character=character)
 
 
 def capture_by_clusters(
@@ -54,8 +59,7 @@ def capture_by_clusters(
     faces = capture.views[reference].faces
     owners = cluster(paths[reference], paths, len(capture.bones.parents))
     bones = join_clusters(paths[reference], faces, owners)
-    rings = np.zeros((len(bones.parents), len(owners)), bool)
-    character = rig_bones(bones, rings, (paths, faces), reference, capture.times)
+    character = rig_bones(bones, (paths, faces), reference, capture.times)
     return replace(capture, bones=bones, character=character)
 
 

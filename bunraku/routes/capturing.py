@@ -93,21 +93,24 @@ def rig_surface(
     rest = paths[reference]
     bones = make_bones(curves, split_curves(curves, rest, paths), rest)
     bones = merge_bones(bones, rest, paths)
-    rings = curves.owners == bones.rings[:, None]
-    return bones, rig_bones(bones, rings, (paths, faces), reference, times)
+    return bones, rig_bones(bones, (paths, faces), reference, times)
 
 
 def rig_bones(
     bones: Bones,
-    rings: Bool[np.ndarray, "bones vertices"],
     surface: tuple[Float[np.ndarray, "frames vertices 3"], Int[np.ndarray, "faces 3"]],
     reference: int,
     times: Float[np.ndarray, " frames"],
+    *,
+    rings: Bool[np.ndarray, "bones vertices"] | None = None,
 ) -> Character:
     """Make a rigged character of a moving surface and its bones: skin, joints, one clip.
 
+    Paper: a joint moves as its ring of vertices does on average (Eq. 14). We: with its bone, so
+    that the skin goes where the decomposition found it, not aside by what the two differ.
+
     Args:
-        rings: vertices around each joint; a joint without any moves with its bone.
+        rings: vertices around each joint, for the paper's way; None for ours.
         surface: its vertices in every frame, and its faces.
         reference: frame that becomes the rest.
     """
@@ -117,6 +120,7 @@ def rig_bones(
     _, rotations, shifts = decompose(rest[few], paths[:, few], bones.owners[few], bones.parents)
     near = neighbourhood(bones.parents)[bones.owners]
     weights = fit_weights(rest, paths, rotations, shifts, near)
+    rings = np.zeros((len(bones.joints), len(rest)), bool) if rings is None else rings
     joints = joint_paths(rest, weights, rotations, shifts, rings, bones.joints)
     return build_performer(rest, faces, bones, weights, (rotations, joints), times)
 

@@ -9,6 +9,7 @@ from bunraku.evaluate.capture_across import (
     Task,
     bone_directions,
     describe,
+    may_perform,
     measure,
     performs_alike,
     seen_joints,
@@ -68,6 +69,13 @@ def test_the_truth_is_the_other_s_own_clip_in_step(pair):
     assert shared_clip(first, other) == "wave" and performs_alike(first, other)
     still = replace(other, character=replace(other.character, clips=()))
     assert not performs_alike(first, still)
+
+
+def test_files_that_no_wanted_pair_can_need_are_not_read():
+    assert may_perform("animals/Horse", ()) and may_perform("animals/Horse", ["animals"])
+    assert may_perform("animals/Horse", ["Horse>Cow:walk"])
+    assert not may_perform("animals/Fox", ["Horse>Cow:walk"])
+    assert not may_perform("animals/Fox", ["Fox:walk:side"])  # a row of the other table
 
 
 def test_some_limbs_are_seen(creature, film):
