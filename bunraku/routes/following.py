@@ -17,9 +17,9 @@ from bunraku.skinning import clip_transforms, forward_kinematics, linear_blend_s
 from bunraku.types import Character, Mesh
 
 logger = logging.getLogger(__name__)
-DOUBTFUL = 0.3  # of what a standing figure misses: a result that leaves more is doubted
+DOUBTFUL = 0.2  # of what a standing figure misses: a result that leaves more is doubted
 STANDS = 1.2  # times its least error: a figure that misses less when standing hardly moves
-CLEARLY = 0.9  # of the carried figure's error: what is fitted to depth is always a little nearer
+CLEARLY = 0.95  # of the carried figure's error: what is fitted to depth is always a little nearer
 ALIKE = 1.15  # of the bone by bone fit's error: a figure that fits as it stands needs no turns
 Paths = Float[np.ndarray, "frames vertices 3"]
 
