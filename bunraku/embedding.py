@@ -78,6 +78,7 @@ class Embedding:
     inside: float  # share of joints inside the figure, or as good as
     linear: Float[np.ndarray, "bones 3 3"]  # turn and stretch of each bone: reference to figure
     frame: int  # of the performer's clip in which it stands as the figure does; -1 for its rest
+    whole: Similarity  # figure from performer, before any bone turned: metres
 
     @property
     def confidence(self) -> float:
@@ -117,18 +118,22 @@ def embed(performer: Character, bones: Bones, figure: Mesh) -> Embedding:
     moved, normals = move_puppet(puppet, best.pose)
     met = nearness(moved, normals, surface) > 0.5
     owned = np.bincount(bones.owners, minlength=len(turns))
+    scale = best.whole.scale * unit / own_unit
+    middle = scale * best.whole.rotation @ performer.mesh.vertices.mean(axis=0)
+    whole = Similarity(best.whole.rotation, best.whole.shift * unit + centre - middle, scale)
     hits = np.bincount(bones.owners, met, minlength=len(turns))
     return Embedding(
         best.whole.rotation,
         best.whole.rotation.T @ turns,
         anchors * unit + centre,
         moved * unit + centre,
-        best.whole.scale * unit / own_unit,
+        scale,
         seen_misfit(puppet, best, surface),
         hits / np.maximum(owned, 1),
         share_inside(anchors, surface),
         linear * unit / own_unit,
         best.frame,
+        whole,
     )
 
 

@@ -5,6 +5,7 @@ import pytest
 
 from bunraku.embedding import (
     Embedding,
+    Similarity,
     best_similarity,
     heading_turns,
     share_inside,
@@ -57,6 +58,7 @@ def test_weights_are_the_seen_ones_where_seen_and_spread_elsewhere(capture, film
         1.0,
         np.tile(np.eye(3), (bones, 1, 1)),
         -1,
+        Similarity(np.eye(3), np.zeros(3), 1.0),
     )
     weights, met = spread_weights(performer, exact, figure)
     np.testing.assert_allclose(weights.sum(axis=1), 1.0)

@@ -10,6 +10,7 @@ import typer
 
 from bunraku.cli.failures import printing_warnings
 from bunraku.cli.options import (
+    BaselinesOption,
     ClipsOption,
     DataOption,
     DeformOption,
@@ -96,26 +97,38 @@ def capture_table(
     pairs: ClipsOption = None,
     limit: LimitOption = None,
     thorough: ThoroughOption = False,
+    baselines: BaselinesOption = False,
     state: StateOption = None,
     json: JsonOption = None,
 ) -> None:
     """Film characters with a depth camera, capture them, and let them move themselves."""
     from bunraku.cli.steps import check_output
-    from bunraku.evaluate import capture
+    from bunraku.evaluate import capture, capture_across
+    from bunraku.evaluate.capture_baselines import METHODS, OURS
     from bunraku.evaluate.results import group_by_family, sample
     from bunraku.types import FormatError
 
     check_output(json, [".json"], inputs=[])
     check_output(state, [], inputs=[json])
     folder, names = find_data(data), pairs or ()
-    tasks = capture.find_tasks(folder, names=names, clip_count=3 if thorough else 1)
+    methods = tuple(METHODS) if baselines else (OURS,)
+    clips = 3 if thorough else 1
+    tasks = capture.find_tasks(folder, names=names, clip_count=clips, methods=methods)
     with printing_warnings(folder):
         chosen = sample(group_by_family(tasks), limit)
         rows = print_rows(chosen, capture.measure, capture.describe, kind=capture.Row, state=state)
-    if not rows:
+        across = group_by_family(capture_across.find_tasks(folder, names=names))
+        others = print_rows(
+            sample(across, limit),
+            *(capture_across.measure, capture_across.describe),
+            kind=capture_across.Row,
+            state=state and state.with_suffix(".across" + state.suffix),
+        )
+    if not rows and not others:
         wanted = "such clips" if names else "characters that move"
         raise FormatError(folder, "", f"holds no {wanted}; give another folder or other --pairs")
-    finish([capture.tabulate(rows)], rows, json)
+    tables = [capture.tabulate(rows)] * bool(rows)
+    finish([*tables, *[capture_across.tabulate(others)] * bool(others)], [*rows, *others], json)
 
 
 @evaluate.command("weights", epilog="Example: bunraku evaluate weights --data shared/data/weights")

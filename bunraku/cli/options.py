@@ -232,6 +232,9 @@ LimitOption = Annotated[
 ThoroughOption = Annotated[
     bool, typer.Option("--thorough", help="All clips and 30 frames each, not 3 clips and 8 frames.")
 ]
+BaselinesOption = Annotated[
+    bool, typer.Option("--baselines", help="The paper's settings and other methods as rows too.")
+]
 StateOption = Annotated[
     Path | None,
     typer.Option("--state", metavar="ROWS.jsonl", help="Keep rows here, and resume from here."),

@@ -17,10 +17,11 @@ from jaxtyping import Float
 from rich.table import Table
 
 from bunraku.evaluate import metrics
+from bunraku.evaluate.capture_baselines import METHODS, OURS
 from bunraku.evaluate.families import Member, choose_clips, plain_names, read_members, rigged_files
 from bunraku.evaluate.rendering import VIEWS, Film, film_character, true_paths
 from bunraku.evaluate.results import make_table
-from bunraku.routes.from_depth import Capture, animate_from_depth, capture_performer
+from bunraku.routes.from_depth import Capture, animate_from_depth
 from bunraku.skinning import play_clip
 from bunraku.types import Character, Clip, Mesh
 
@@ -54,10 +55,11 @@ class Row:
     tracking_seconds: float | None = None
     seconds: float | None = None
     failure: str = ""
+    method: str = OURS
 
-    def key(self) -> tuple[str, str, str, str]:
+    def key(self) -> tuple[str, str, str, str, str]:
         """Tell this row from every other one of the table."""
-        return self.family, self.character, self.clip, self.camera
+        return self.family, self.character, self.clip, self.camera, self.method
 
     @property
     def ratio(self) -> float | None:
@@ -77,10 +79,11 @@ class Task:
     name: str
     camera: str
     frames: int
+    method: str = OURS
 
-    def key(self) -> tuple[str, str, str, str]:
+    def key(self) -> tuple[str, str, str, str, str]:
         """Tell this row from every other one of the table."""
-        return self.family, self.member.name, self.name, self.camera
+        return self.family, self.member.name, self.name, self.camera, self.method
 
 
 def find_tasks(
@@ -90,6 +93,7 @@ def find_tasks(
     clip_count: int = 1,
     cameras: Sequence[str] = CAMERAS,
     frames: int = 45,
+    methods: Sequence[str] = (OURS,),
 ) -> Iterator[Task]:
     """Find moving characters: for each, a few of its clips before a few cameras.
 
@@ -97,6 +101,7 @@ def find_tasks(
         folder: characters, those of one family side by side.
         names: parts of `folder/Character:clip:camera` to keep, in any case; empty for all.
         clip_count: clips of each character, spread over the list; never its rest poses.
+        methods: what is to be measured on each, of METHODS.
     """
     for parent, paths in rigged_files(folder).items():
         family = parent.relative_to(folder).as_posix()
@@ -110,7 +115,8 @@ def find_tasks(
                 for camera in VIEWS if names else cameras:
                     full = f"{family}/{path.stem}:{name}:{camera}".lower()
                     if not names or any(part.lower() in full for part in names):
-                        yield Task(family, member, clips[name], name, camera, frames)
+                        task = Task(family, member, clips[name], name, camera, frames)
+                        yield from (replace(task, method=method) for method in methods)
 
 
 def may_hold(name: str, parts: Sequence[str]) -> bool:
@@ -136,16 +142,17 @@ def measure(task: Task) -> Row:
     """Film, capture, move the figure, compare."""
     character = task.member.character
     film = film_character(character, task.clip, turn=VIEWS[task.camera], most_frames=task.frames)
-    row = Row(*task.key(), len(film.places))
+    named = task.family, task.member.name, task.name, task.camera
+    row = Row(*named, len(film.places), method=task.method)
     row = replace(
         row, **compare(np.broadcast_to(film.places[0], film.places.shape), film, "static")
     )
     started = time.perf_counter()
     try:
-        capture = capture_performer(film.video)
+        capture = METHODS[task.method](film.video)
         row = replace(row, **judge_track(capture, film))
         figure = Mesh(film.places[0], film.faces)
-        moved = animate_from_depth(capture, figure, force=True)
+        moved = animate_from_depth(capture, figure, force=True, whole=task.method == OURS)
     except (ValueError, np.linalg.LinAlgError) as error:
         logger.warning("%s %s: %s", task.member.path, task.name, error)
         return replace(row, failure=str(error))
@@ -193,6 +200,7 @@ def judge_track(capture: Capture, film: Film) -> dict[str, Any]:
 def describe(row: Row) -> str:
     """Put one row on one line."""
     name = f"{row.family}/{row.character} {row.clip} {row.camera}"
+    name += f", {row.method}" * (row.method != OURS)
     if row.failure:
         return f"{name}: FAILED: {row.failure}"
     track = f"tracking {row.tracking:.3f} (seen {row.tracking_seen:.3f}, still "
@@ -204,12 +212,15 @@ def describe(row: Row) -> str:
 
 
 def tabulate(rows: Sequence[Row]) -> Table:
-    """Set the means of each family and of all rows in a table, beside the paper's."""
+    """Set the means of each family, of all rows and of other methods beside the paper's."""
+    ours = [row for row in rows if row.method == OURS]
     groups = {
-        family: [row for row in rows if row.family == family]
-        for family in dict.fromkeys(row.family for row in rows)
+        family: [row for row in ours if row.family == family]
+        for family in dict.fromkeys(row.family for row in ours)
     }
-    groups["all"] = list(rows)
+    groups["all"] = ours
+    for method in dict.fromkeys(row.method for row in rows if row.method != OURS):
+        groups[f"all, {method}"] = [row for row in rows if row.method == method]
     lines: list[list[float | str]] = [[name, *_summary(group)] for name, group in groups.items()]
     paper, embedded, error, local = PAPER
     lines.append([paper, "", embedded, error, local])

@@ -179,18 +179,23 @@ def film_character(
         most_frames: longer clips are cut.
         sensor: how the camera errs; None for the camera of the tables.
     """
-    length = float(clip.times[-1] - clip.times[0])
-    count = max(2, min(most_frames, int(length * fps) + 1))
-    moments = np.minimum(np.arange(count) / fps, length) / max(length, 1e-9)
-    places, _ = view_from(play_at(character, clip, moments), turn)
+    phases = filmed_phases(clip, most_frames, fps)
+    places, _ = view_from(play_at(character, clip, phases), turn)
     intrinsics, rng = default_intrinsics(), np.random.default_rng(0)
     depths = []
     for place in places:
         depth, face, _ = render_depth(place, character.mesh.faces, intrinsics)
         cosine = ray_cosines(place, character.mesh.faces, face, intrinsics)
         depths.append(spoil_depth(depth, cosine, sensor or Sensor(), rng).astype(np.float32))
-    video = DepthVideo(clip.name, np.arange(count) / fps, np.stack(depths), intrinsics)
+    video = DepthVideo(clip.name, np.arange(len(places)) / fps, np.stack(depths), intrinsics)
     return Film(video, places, character.mesh.faces)
+
+
+def filmed_phases(clip: Clip, most_frames: int = 45, fps: float = 30.0) -> Float[np.ndarray, " n"]:
+    """Give the moments of a clip that are filmed, as shares of its length: its beginning."""
+    length = float(clip.times[-1] - clip.times[0])
+    count = max(2, min(most_frames, int(length * fps) + 1))
+    return np.minimum(np.arange(count) / fps, length) / max(length, 1e-9)
 
 
 def true_paths(

@@ -25,6 +25,7 @@ from bunraku.registration.deformation import (
     turn_normals,
     warp,
 )
+from bunraku.registration.outline import find_nearest_shown, find_strays
 from bunraku.rotations import matrices_to_vectors, vectors_to_matrices
 
 Points = Float[np.ndarray, "points 3"]
@@ -52,7 +53,9 @@ class Settings:
     unexplained: float = 0.08  # depth farther than this from the surface pulls free vertices
     reach: float = 0.35  # of that pull
     behind: bool = False  # vertices behind others wait for unexplained depth too
+    outline: float = 0.0  # weight of what sticks out of the subject's outline, against a pair's
     both_ways: bool = True  # depth asks for its nearest on the surface too
+    other_starts: bool = True  # frames other than the first may be the one to start from
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,6 +215,7 @@ def fit_frame(
     rng = np.random.default_rng(seed)
     goal, normals = view.vertices / model.unit, view.normals
     tree = cKDTree(features(goal, normals, settings.normals))
+    nearest = find_nearest_shown(view.depth) if settings.outline else None
     for _ in range(settings.steps):
         rows = draw(len(model.vertices), 2 * settings.queries, rng)
         moved = warp(model.graph, motion, model.vertices[rows], rows)
@@ -227,8 +231,12 @@ def fit_frame(
         before, behind = ((rows[part], places[part]) for part in (seen, hidden))
         matched = find_matches(model.graph, before, tree, asked, settings, hidden=behind)
         weights = matched.weights * (2500 / max(len(matched.weights), 1))
-        places, towards = goal[matched.still], normals[matched.still]
-        wish = Wish(matched.moving, places, towards, weights, settings.share)
+        towards = goal[matched.still], normals[matched.still]
+        wish = Wish(matched.moving, *towards, weights, settings.share)
+        if nearest is not None:
+            stray, ways = find_strays(model.unit * moved, nearest, intrinsics)
+            back = moved[stray], ways / model.unit
+            wish = draw_back(wish, rows[stray], *back, settings, len(matched.weights))
         motion = gauss_newton(
             model.graph,
             motion,
@@ -238,6 +246,30 @@ def fit_frame(
             damping=settings.damping,
         )
     return motion
+
+
+def draw_back(
+    wish: Wish,
+    rows: Int[np.ndarray, " strays"],
+    places: Float[np.ndarray, "strays 3"],
+    ways: Float[np.ndarray, "strays 3"],
+    settings: Settings,
+    pairs: int,
+) -> Wish:
+    """Add the wish that vertices which stick out of the outline go back, each along its way.
+
+    Args:
+        pairs: how many of the surface and the depth there are; a stray counts beside them.
+    """
+    far = np.linalg.norm(ways, axis=1)
+    weights = settings.outline * robust_weights(far**2, settings.reach) * (2500 / max(pairs, 1))
+    return Wish(
+        np.concatenate([wish.rows, rows]),
+        np.concatenate([wish.places, places + ways]),
+        np.concatenate([wish.normals, ways / np.maximum(far, 1e-12)[:, None]]),
+        np.concatenate([wish.weights, weights]),
+        wish.share,
+    )
 
 
 @dataclass(frozen=True, eq=False)

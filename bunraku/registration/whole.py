@@ -24,35 +24,40 @@ from bunraku.registration.tracking import (
     fit_frame,
     follow,
 )
+from bunraku.types import Mesh
 
-Points = Float[np.ndarray, "vertices 3"]
 Paths = Float[np.ndarray, "frames vertices 3"]
 ASKED = 1500  # points of each side that an error is measured from
-SETTINGS = Settings(rigidity=100.0, behind=True)  # ball joints hold; hidden limbs come back
+# ball joints hold; hidden limbs come back, but not to all that is unexplained, nor stick out
+SETTINGS = Settings(rigidity=100.0, behind=True, outline=0.6, unexplained=0.15, reach=0.25)
 
 
 def follow_whole(
-    surface: Points,
-    faces: Int[np.ndarray, "faces 3"],
+    surface: Mesh,
     curves: CurveSkeleton,
     sight: Sight,
     frame: int,
     *,
+    exact: bool = False,
     progress: Progress = lambda done, count: None,
 ) -> Paths:
     """Follow a closed surface through all frames from the one in which it lies about right.
 
     Args:
-        surface: in the camera's frame, metres.
+        surface: in the camera's frame, metres; closed.
         curves: its curve skeleton, which the solver's nodes lie on.
         frame: in which the surface lies about right.
+        exact: it lies there as it should; else it is fitted to that frame first.
     """
     unit = sight.unit
-    vertices, small = surface / unit, replace(curves, nodes=curves.nodes / unit)
+    vertices, faces = surface.vertices / unit, surface.faces
+    small = replace(curves, nodes=curves.nodes / unit)
     graph = build_ring_graph(vertices, faces, small, SETTINGS.radius)
     model = Model(vertices, vertex_normals(vertices, faces), graph, unit)
     view, camera = sight.views[frame], sight.intrinsics
-    begin = fit_frame(model, at_rest(graph), view, camera, SETTINGS, seed=frame)
+    begin = at_rest(graph)
+    if not exact:
+        begin = fit_frame(model, begin, view, camera, SETTINGS, seed=frame)
     motions = follow(model, begin, sight, frame, settings=SETTINGS, progress=progress)
     return np.stack([unit * warp(graph, motion, vertices, slice(None)) for motion in motions])
 

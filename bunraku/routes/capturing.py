@@ -5,7 +5,7 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from threadpoolctl import threadpool_limits
 
 from bunraku.bones.decomposition import decompose, fit_weights, joint_paths, neighbourhood
@@ -57,7 +57,7 @@ def capture_performer(video: DepthVideo, *, settings: Settings | None = None) ->
     watch.begin("tracking")
     camera, settings = (video.intrinsics, seen.diagonal), settings or Settings()
     followed = track(seen.views, 0, *camera, settings=settings, progress=announce_frames())
-    if followed.doubtful:
+    if followed.doubtful and settings.other_starts:
         watch.begin("choosing a frame")
         reference = choose_reference(seen.views, *camera, settings=settings)
         watch.begin("tracking")
@@ -93,13 +93,36 @@ def rig_surface(
     rest = paths[reference]
     bones = make_bones(curves, split_curves(curves, rest, paths), rest)
     bones = merge_bones(bones, rest, paths)
+    return bones, rig_bones(bones, (paths, faces), reference, times)
+
+
+def rig_bones(
+    bones: Bones,
+    surface: tuple[Float[np.ndarray, "frames vertices 3"], Int[np.ndarray, "faces 3"]],
+    reference: int,
+    times: Float[np.ndarray, " frames"],
+    *,
+    rings: Bool[np.ndarray, "bones vertices"] | None = None,
+) -> Character:
+    """Make a rigged character of a moving surface and its bones: skin, joints, one clip.
+
+    Paper: a joint moves as its ring of vertices does on average (Eq. 14). We: with its bone, so
+    that the skin goes where the decomposition found it, not aside by what the two differ.
+
+    Args:
+        rings: vertices around each joint, for the paper's way; None for ours.
+        surface: its vertices in every frame, and its faces.
+        reference: frame that becomes the rest.
+    """
+    paths, faces = surface
+    rest = paths[reference]
     few = np.random.default_rng(0).permutation(len(rest))[:SAMPLES]
     _, rotations, shifts = decompose(rest[few], paths[:, few], bones.owners[few], bones.parents)
     near = neighbourhood(bones.parents)[bones.owners]
     weights = fit_weights(rest, paths, rotations, shifts, near)
-    rings = curves.owners == bones.rings[:, None]
+    rings = np.zeros((len(bones.joints), len(rest)), bool) if rings is None else rings
     joints = joint_paths(rest, weights, rotations, shifts, rings, bones.joints)
-    return bones, build_performer(rest, faces, bones, weights, (rotations, joints), times)
+    return build_performer(rest, faces, bones, weights, (rotations, joints), times)
 
 
 def announce_frames() -> Progress:

@@ -44,7 +44,7 @@ class DepthTransfer:
 
 @threadpool_limits.wrap(limits=1)  # type: ignore[untyped-decorator]
 def animate_from_depth(
-    capture: Capture, figure: Mesh, *, seed: int = 0, force: bool = False
+    capture: Capture, figure: Mesh, *, seed: int = 0, force: bool = False, whole: bool = True
 ) -> DepthTransfer:
     """Give a figure the skeleton and the motion of a captured performer.
 
@@ -53,6 +53,7 @@ def animate_from_depth(
         figure: what is to move, in any pose and triangulation.
         seed: of the random choices; there are none yet, equal input gives equal output.
         force: give the result even if the figure could not be matched.
+        whole: whether the figure itself may be followed; else the seen side moves it.
 
     Raises:
         MatchError: if the figure cannot be matched to the performer well enough.
@@ -74,7 +75,7 @@ def animate_from_depth(
     on_proxy, _ = spread_weights(performer, embedding, target.mesh)
 
     watch.begin("following the figure")
-    followed = follow_figure(capture, embedding, target.mesh, on_proxy)
+    followed = follow_figure(capture, embedding, target.mesh, on_proxy, whole=whole)
     found = lift_weights(target, followed.weights, figure.vertices, figure.faces)
     weights = keep_influences(found)
 
@@ -93,5 +94,5 @@ def animate_from_depth(
             plan,
             Character(figure, skeleton_of(source, bind), skin, clips),
         ),
-        *(embedding.confidence, embedding.doubts, watch.end()),
+        *(embedding.confidence, embedding.doubts + followed.doubts, watch.end()),
     )

@@ -22,7 +22,7 @@ def test_a_whole_creature_is_followed_with_its_far_side(film, sight, proxy):
     curves = extract_curves(mesh.vertices, mesh.faces)
     told = []
     paths = follow_whole(
-        *(mesh.vertices, mesh.faces, curves, sight, 0),
+        *(mesh, curves, sight, 0),
         progress=lambda done, count: told.append((done, count)),
     )
     nearest = np.linalg.norm(film.places[0][:, None] - mesh.vertices, axis=-1).argmin(axis=1)

@@ -3,16 +3,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bunraku.embedding import embed, spread_weights
+from bunraku.embedding import best_similarity, embed, spread_weights
 from bunraku.evaluate.metrics import reconstruction_error
 from bunraku.evaluate.report import report_depth_transfer
 from bunraku.proxy import build_proxy
 from bunraku.routes import following
 from bunraku.routes.following import (
+    Followed,
     carry_figure,
     follow_figure,
     is_clearly_nearer,
     lay_bones,
+    lay_figure,
 )
 from bunraku.routes.from_depth import animate_from_depth
 from bunraku.skinning import play_clip
@@ -63,6 +65,37 @@ def test_a_figure_is_followed_only_where_its_worst_frames_are_nearer_too():
     assert not is_clearly_nearer(started, started, 0)
     # another build: carried it lies far from the depth, but no farther at the end
     assert not is_clearly_nearer(lost, started + 0.1, 0)
+
+
+def test_a_figure_that_stands_as_the_performer_is_laid_as_it_stands(
+    capture, film, figure, embedding
+):
+    frame = capture.track.reference
+    truth = (figure.vertices - [2.0, 1.0, 0.0]) / 1.5 + capture.eye
+    whole = best_similarity(truth, figure.vertices, np.ones(len(truth)))
+    exact = replace(embedding, whole=whole)
+    off = truth + 0.05 * np.sin(9.0 * truth)
+    surface, stands = lay_figure(off, exact, figure, capture, frame)
+    assert stands
+    np.testing.assert_allclose(surface, truth, atol=1e-9)
+    other = replace(exact, whole=replace(whole, shift=whole.shift + 0.5))
+    surface, stands = lay_figure(off, other, figure, capture, frame)
+    assert not stands
+    np.testing.assert_array_equal(surface, off)
+
+
+def test_a_result_that_leaves_much_of_the_motion_is_doubted(capture, embedding):
+    still = np.array([0.02, 0.06, 0.10])
+    own = np.ones((4, len(embedding.joints))), embedding.joints, embedding.turns
+
+    def doubts(errors: list[float], still: np.ndarray) -> tuple[str, ...]:
+        found = Followed(capture.character, *own, np.array(errors), still, whole=False)
+        return found.doubts
+
+    assert doubts([0.02, 0.03, 0.03], still) == ()
+    (told,) = doubts([0.02, 0.04, 0.06], still)
+    assert "by 40 mm" in told and "by 60 mm" in told
+    assert doubts([0.023, 0.023, 0.023], np.full(3, 0.022)) == ()  # who stands still may
 
 
 def test_bones_are_laid_where_their_surface_is(capture, figure, film):
