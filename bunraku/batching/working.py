@@ -74,6 +74,9 @@ def _produce(request: Request, folder: Path) -> tuple[dict[str, int], dict[str, 
         content = io.BytesIO()
         np.save(content, np.stack([result.character.mesh.vertices, result.counterparts]))
         write_atomically(files[-1], content.getvalue())
+    if job.usd:
+        files.append(folder / f"{name}.usdz")
+        write(files[-1], result, engine=job.engine)
     if job.bvh:
         files += write_motions(folder / f"{name}.bvh", prepare_for(result.character, job.engine))
     return {file.name: file.stat().st_size for file in files}, report
