@@ -5,6 +5,7 @@ import re
 import tempfile
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from bunraku.studio.casting import (
     describe,
     find_counterparts,
 )
+from bunraku.studio.dragging import JointMover
 from bunraku.studio.scenes import Actor
 from bunraku.types import Character, FormatError
 from bunraku.verbs.performing import BUILT_IN, read_performer
@@ -122,6 +124,7 @@ class Visit:
         ]
         self.downloads[0].on_click(lambda _: self._send(".glb"))
         self.downloads[1].on_click(lambda _: self._send(".json"))
+        self.mover = JointMover(self.client, self._show_moved, self._show_own_pose)
 
     def _take(self, upload: Any, kind: str, known: dict[str, Any], choice: Any) -> None:
         """Keep an upload under a name of ours, and choose it."""
@@ -211,6 +214,7 @@ class Visit:
         self.colours.value = AS_FOUND
         for control in (self.clip, self.colours, self.weights, *self.downloads):
             control.disabled = False
+        self.mover.take(moved)
         self._draw_bones()
         self.progress.value = 100.0
         line = f"**Confidence {record.confidence:.2f}** after {record.seconds:.1f} s."
@@ -226,8 +230,8 @@ class Visit:
         """Show the skeletons, or no longer."""
         with self.stage:
             for actor in self.actors:
-                if clip := self._find_clip(actor):
-                    actor.show_skeleton(clip, self.moment.value, wanted=self.skeleton.value)
+                if (world := self._place_joints(actor)) is not None:
+                    actor.show_skeleton(world, wanted=self.skeleton.value)
 
     def _choose_joint(self) -> None:
         """Show the weights of a joint, or the figure as found."""
@@ -241,8 +245,36 @@ class Visit:
                 return
             painted = self.cast.paint(self.colours.value, self.weights.value)
             for actor, colours in zip(self.actors, painted, strict=True):
-                if clip := self._find_clip(actor):
-                    actor.show_points(clip, self.moment.value, colours)
+                if (world := self._place_joints(actor)) is not None:
+                    actor.show_points(world, colours)
+
+    def _place_joints(self, actor: Actor) -> Any:
+        """Tell where an actor's joints are now; None if it has nothing to play."""
+        if self.mover.moving.value and actor is self.actors[0]:
+            return actor.bound
+        clip = self._find_clip(actor)
+        return None if clip is None else actor.world(clip, self.moment.value)
+
+    def _show_own_pose(self) -> None:
+        """Show the figure in its own pose while joints are moved, and moving otherwise."""
+        with self.stage:
+            for actor in self.actors[:1]:
+                actor.fade(wanted=self.mover.moving.value)
+        self._pose()
+
+    def _show_moved(self, character: Character) -> None:
+        """Put the figure with another skin in place of the one on the stage."""
+        with self.stage:
+            if self.cast is None or self.record is None:
+                return
+            self.actors[0].leave()
+            colours = self._colours(self.record, character)
+            self.actors[0] = Actor(self.client.scene, "/figure", character, colours)
+            self.actors[0].fade(wanted=self.mover.moving.value)
+            self.cast = replace(self.cast, figure=character)
+        self._pose()
+        self._draw_bones()
+        self._paint()
 
     def _find_clip(self, actor: Actor) -> Any:
         clips = {clip.name: clip for clip in actor.character.clips}
@@ -265,14 +297,14 @@ class Visit:
                 ) % 1
             wanted = (clip.name, self.moment.value, id(self.actors[0]))
             if wanted != shown:
-                self._pose(self.moment.value)
+                self._pose()
                 shown = wanted
 
-    def _pose(self, share: float) -> None:
+    def _pose(self) -> None:
         with self.stage, self.client.atomic():
             for actor in self.actors:
-                if clip := self._find_clip(actor):
-                    actor.pose(clip, share)
+                if (world := self._place_joints(actor)) is not None:
+                    actor.pose(world)
         self.poses += 1
 
     def _send(self, suffix: str) -> None:
@@ -280,9 +312,11 @@ class Visit:
         if self.record is None:
             return
         path = self.folder / RESULTS / f"{self.record.name}{suffix}"
-        content = path.read_bytes()
         if suffix == ".json":
-            content = msgspec.json.format(msgspec.json.encode(self.record.report), indent=2)
+            report = self.record.report | {"moved_joints": self.mover.moves}
+            content = msgspec.json.format(msgspec.json.encode(report), indent=2)
+        else:
+            content = self.mover.write(path)
         name = f"{Path(self.record.job.figure).stem}-moving{suffix}"
         self.client.send_file_download(name, content, save_immediately=True)
 
