@@ -6,6 +6,7 @@ from pathlib import Path
 import typer
 
 from bunraku.errors import Code
+from bunraku.formats import is_depth_folder
 from bunraku.studio.serving import Studio
 from bunraku.types import FormatError
 
@@ -16,11 +17,9 @@ def run_studio(figure: Path | None, performance: Path | None, *, host: str, port
     Raises:
         FormatError: if a file does not exist, or the extra is missing.
     """
-    if performance is not None and performance.is_dir():
-        message = "is a folder: depth videos are not shown here yet; use bunraku animate"
-        raise FormatError(performance, "", message, code=Code.FILE_FOLDER)
     for path in (figure, performance):
-        if path is not None and not path.is_file():
+        is_film = path is performance and path is not None and is_depth_folder(path)
+        if path is not None and not path.is_file() and not is_film:
             message = "does not exist; check the name and the folder"
             raise FormatError(path, "", message, code=Code.FILE_MISSING)
     studio = Studio(figure, performance, host=host, port=port)

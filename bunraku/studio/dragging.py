@@ -1,5 +1,6 @@
 """Drag joints of a figure to where they belong: skin and clips follow, each visitor's own."""
 
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from bunraku.types import Character
 from bunraku.verbs.engines import name_bones
 
 DOT, CHOSEN = (250, 180, 40), (230, 60, 30)
-DOT_SIZE, HANDLE_SIZE = 1 / 120, 1 / 8  # of the figure's height
+DOT_SIZE, HANDLE_SIZE = 1 / 120, 1 / 3  # of the figure's height
 NOWHERE = 1e-6  # metres that count as no move at all
 
 
@@ -37,6 +38,7 @@ class JointMover:
         self.original: Character | None = None  # as it was animated
         self.character: Character | None = None  # with the joints where they were dragged
         self.nodes: list[Any] = []
+        self.drawing = threading.RLock()
         self.handles: Any = None
         gui = client.gui
         with gui.add_folder("Joints"):
@@ -102,36 +104,45 @@ class JointMover:
         self.pose()
 
     def _draw(self) -> None:
-        """Draw the dots and the handles, or take them away."""
-        for node in self.nodes:
-            node.remove()
-        self.nodes, self.handles = [], None
-        if self.character is None or not self.moving.value:
-            return
-        places, names = joint_places(self.character), self.character.skeleton.names
-        height = float(np.ptp(self.character.mesh.vertices[:, 1]))
-        scene, chosen = self.client.scene, self.joint.value
-        for name, place in zip(names, places, strict=True):
-            colour = CHOSEN if name == chosen else DOT
-            dot = scene.add_icosphere(
-                f"/joints/{len(self.nodes)}",
-                radius=DOT_SIZE * height,
-                color=colour,
-                subdivisions=1,
-                position=place,
-            )
-            dot.on_click(lambda _, name=name: self._choose(name))
-            self.nodes.append(dot)
-        if chosen in names:
-            self.handles = scene.add_transform_controls(
-                "/joints/handles",
-                scale=HANDLE_SIZE * height,
-                disable_rotations=True,
-                depth_test=False,
-                position=places[names.index(chosen)],
-            )
-            self.handles.on_update(lambda event: self._drop(event, chosen))
-            self.nodes.append(self.handles)
+        """Draw the dots and the handles, or take them away; callbacks come in threads."""
+        with self.drawing:
+            for node in self.nodes:
+                node.remove()
+            self.nodes, self.handles = [], None
+            if self.character is None or not self.moving.value:
+                return
+            places, names = joint_places(self.character), self.character.skeleton.names
+            size = float(np.ptp(self.character.mesh.vertices[:, 1]))
+            for name, place in zip(names, places, strict=True):
+                self._add_dot(name, place, size=size)
+            if self.joint.value in names:
+                self._add_handles(
+                    self.joint.value, places[names.index(self.joint.value)], size=size
+                )
+
+    def _add_dot(self, name: str, place: Float[np.ndarray, "3"], *, size: float) -> None:
+        """Add a dot that chooses its joint when it is clicked."""
+        dot = self.client.scene.add_icosphere(
+            f"/joints/{len(self.nodes)}",
+            radius=DOT_SIZE * size,
+            color=CHOSEN if name == self.joint.value else DOT,
+            subdivisions=1,
+            position=place,
+        )
+        dot.on_click(lambda _: self._choose(name))
+        self.nodes.append(dot)
+
+    def _add_handles(self, name: str, place: Float[np.ndarray, "3"], *, size: float) -> None:
+        """Add three arrows to pull a joint by."""
+        self.handles = self.client.scene.add_transform_controls(
+            "/joints/handles",
+            scale=HANDLE_SIZE * size,
+            disable_rotations=True,
+            depth_test=False,
+            position=place,
+        )
+        self.handles.on_update(lambda event: self._drop(event, name))
+        self.nodes.append(self.handles)
 
     def _choose(self, name: str) -> None:
         self.joint.value = name

@@ -13,6 +13,7 @@ import msgspec
 import numpy as np
 
 from bunraku import builtin
+from bunraku.batching.footage import FOOTAGE, PERFORMER, Footage, decode_footage
 from bunraku.batching.jobs import Job, name_result
 from bunraku.batching.records import Record, Request, find_record
 from bunraku.batching.running import MEMORY, SECONDS, Crew, supervise
@@ -28,12 +29,18 @@ from bunraku.studio.casting import (
 )
 from bunraku.studio.dragging import JointMover
 from bunraku.studio.scenes import Actor
+from bunraku.studio.screening import Screen
+from bunraku.studio.unpacking import MAGIC, unpack_film
 from bunraku.types import Character, FormatError
 from bunraku.verbs.performing import BUILT_IN, read_performer
 from bunraku.verbs.picturing import read_colours
 
 LARGEST_UPLOAD, MOST_UPLOADS = 200 << 20, 1 << 30  # bytes, of one and of all of a visitor
 STAGES = ("proxy", "registration", "skin and skeleton", "rest pose", "retargeting", "writing")
+FILM_STAGES = (
+    *("subject", "tracking", "skeleton and skin", "proxy", "embedding", "skin"),
+    *("following the figure", "retargeting", "writing"),
+)
 RATE = 30.0  # poses a second
 NOTHING = "nothing"
 FIGURES, PERFORMANCES, RESULTS = "figures", "performances", "results"
@@ -125,6 +132,7 @@ class Visit:
         self.downloads[0].on_click(lambda _: self._send(".glb"))
         self.downloads[1].on_click(lambda _: self._send(".json"))
         self.mover = JointMover(self.client, self._show_moved, self._show_own_pose)
+        self.screen = Screen(self.client, self._pose)
 
     def _take(self, upload: Any, kind: str, known: dict[str, Any], choice: Any) -> None:
         """Keep an upload under a name of ours, and choose it."""
@@ -135,7 +143,15 @@ class Visit:
             return
         name = re.sub(r"[^\w.-]+", "_", Path(upload.name).name).lstrip(".") or "upload"
         path = self.folder / kind / name
-        path.write_bytes(upload.content)
+        try:
+            if kind == PERFORMANCES and upload.content.startswith(MAGIC):
+                path = path.with_suffix("")
+                unpack_film(name, upload.content, path, most=MOST_UPLOADS - taken)
+            else:
+                path.write_bytes(upload.content)
+        except (FormatError, OSError) as error:
+            self._say(f"error: {error}")
+            return
         known[name] = path
         choice.options = tuple(known)
         choice.value = name
@@ -182,15 +198,18 @@ class Visit:
             self.places.release()
 
     def _tell(self, stage: str) -> None:
-        """Move the progress bar."""
-        if stage in STAGES:
-            self.progress.value = 100.0 * (STAGES.index(stage) + 0.5) / len(STAGES)
+        """Move the progress bar; a film's stages are others, and its tracking counts frames."""
+        film = self.performances[self.performance.value]
+        stages = FILM_STAGES if film is not None and film.is_dir() else STAGES
+        name = stage.partition(" ")[0] if stage.startswith("tracking ") else stage
+        if name in stages:
+            self.progress.value = 100.0 * (stages.index(name) + 0.5) / len(stages)
             self._say(f"{stage} ...")
 
     def _show(self, record: Record) -> None:
         """Put the moving figure beside its performer."""
         moved = read_character(self.folder / RESULTS / f"{record.name}.glb")
-        performer = read_performer(record.job.performance)
+        performer, footage = self._read_performer(record)
         width = 0.7 * float(
             np.ptp(moved.mesh.vertices[:, 0]) + np.ptp(performer.mesh.vertices[:, 0])
         )
@@ -207,6 +226,7 @@ class Visit:
                 Actor(scene, "/performer", performer, clay(performer), aside=aside),
             ]
             self.cast = Cast(moved, performer, places)
+            self.screen.take(footage, aside)
         self._look_at(0.5 * aside, height)
         self.record = record
         self.clip.options = tuple(clip.name for clip in moved.clips)
@@ -219,6 +239,14 @@ class Visit:
         self.progress.value = 100.0
         line = f"**Confidence {record.confidence:.2f}** after {record.seconds:.1f} s."
         self._say("\n\n".join([line, describe(record.confidence), *record.warnings]))
+
+    def _read_performer(self, record: Record) -> tuple[Character, Footage | None]:
+        """Read who performs, and what a camera saw of it if it was filmed."""
+        place = self.folder / RESULTS / record.name
+        film, performer = (place.with_name(place.name + end) for end in (FOOTAGE, PERFORMER))
+        if not film.exists():
+            return read_performer(record.job.performance), None
+        return read_character(performer), decode_footage(film.read_bytes())
 
     def _colours(self, record: Record, character: Character) -> np.ndarray:
         try:
@@ -305,6 +333,7 @@ class Visit:
             for actor in self.actors:
                 if (world := self._place_joints(actor)) is not None:
                     actor.pose(world)
+            self.screen.show(self.moment.value)
         self.poses += 1
 
     def _send(self, suffix: str) -> None:
