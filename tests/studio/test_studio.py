@@ -11,9 +11,11 @@ from importlib import util
 import numpy as np
 import pytest
 from PIL import Image
+from scipy.ndimage import binary_dilation
 
 import bunraku
 from bunraku.rotations import quaternions_to_matrices
+from bunraku.skinning import linear_blend_skinning
 from bunraku.studio.casting import AS_FOUND, BY_MAP
 from bunraku.studio.dragging import HANDLE_SIZE, joint_places
 from bunraku.types import Mesh
@@ -21,6 +23,7 @@ from tests.depth_folders import save_video
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 GL = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+TOP = 60  # rows of the page above what is looked at
 QUIET = ["--disable-background-networking", "--disable-component-update", "--disable-sync"]
 pytestmark = [
     pytest.mark.skipif(
@@ -83,7 +86,7 @@ def upload(page, button, path):
 def look(page):
     """The picture on the stage, without the controls."""
     picture = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
-    return np.asarray(picture.crop((0, 60, 800, 700))).astype(int)
+    return np.asarray(picture.crop((0, TOP, 800, 700))).astype(int)
 
 
 def drag_a_joint(page, visit):
@@ -120,14 +123,48 @@ def reach(visit, name):
     return joint_places(character)[character.skeleton.names.index(name), 1]
 
 
-def project(camera, point, size):
-    """The pixel of a point on a page of that size, controls included."""
+def project(camera, points, size):
+    """The pixels of points, column and row, on a page of that size, controls included."""
     right_down_ahead = quaternions_to_matrices(np.roll(camera.wxyz, -1))
-    seen = (point - camera.position) @ right_down_ahead
+    seen = (points - camera.position) @ right_down_ahead
     scale = 0.5 * size["height"] / np.tan(0.5 * camera.fov)
-    return 0.5 * size["width"] + scale * seen[0] / seen[2], (
-        0.5 * size["height"] + scale * seen[1] / seen[2]
-    )
+    away = seen[..., :2] / seen[..., 2:]
+    return 0.5 * size["width"] + scale * away[..., 0], 0.5 * size["height"] + scale * away[..., 1]
+
+
+def look_at_empty_stage(page, visit):
+    """The same picture without anybody."""
+    surfaces = [surface for actor in visit.actors for surface, _ in actor.surfaces]
+    for surface in surfaces:
+        surface.visible = False
+    time.sleep(3.0)  # software rendering
+    picture = look(page)
+    for surface in surfaces:
+        surface.visible = True
+    return picture
+
+
+def compare(visit, share, differs):
+    """Compare what a picture shows with where the posed vertices of the figure should be in it.
+
+    Returns:
+        the share of vertices with something in the picture, and of a wide ring about them.
+    """
+    actor = visit.actors[0]
+    world = actor.world(actor.character.clips[0], share)
+    motion = world @ actor.character.skin.inverse_bind
+    mesh, weights = actor.character.mesh, actor.character.skin.weights
+    size = {"width": 1200, "height": 760}
+    places = linear_blend_skinning(mesh.vertices, weights, motion)
+    pixels = project(visit.client.camera, places, size)
+    columns, rows = (np.rint(part).astype(int) for part in pixels)
+    expected = np.zeros(differs.shape, bool)
+    expected[rows - TOP, columns] = True
+    ring = binary_dilation(expected, iterations=30) & ~binary_dilation(expected, iterations=12)
+    middle = int(columns.mean())  # the performer stands to the right, the shadow lies below
+    ring[:, middle + int(1.1 * np.ptp(columns) / 2) :] = False
+    ring[int(rows.max()) - TOP - 20 :] = False
+    return differs[expected].mean(), differs[ring].mean()
 
 
 def test_upload_animate_scrub_and_download(studio, browser, folder):
@@ -158,6 +195,12 @@ def test_upload_animate_scrub_and_download(studio, browser, folder):
     moved = np.abs(pictures[0.25] - pictures[0.0]).max(axis=2) > 30
     assert 0.01 < appeared.mean() < 0.6
     assert 1e-4 < moved.mean() < 0.2
+
+    empty = look_at_empty_stage(page, visit)
+    for share, picture in pictures.items():
+        inside, beyond = compare(visit, share, np.abs(picture - empty).max(axis=2) > 30)
+        assert inside > 0.9, "the page shows something where the posed vertices are"
+        assert beyond < 0.02, "and nothing about them"
 
     visit.colours.value = BY_MAP
     time.sleep(3.0)
