@@ -72,8 +72,9 @@ class JointMover:
         """Put a joint elsewhere, and show the figure with its skin anew."""
         if self.character is None:
             return
-        joint = self.character.skeleton.names.index(name)
-        self.character = move_joint(self.character, joint, place)
+        with self.drawing:
+            joint = self.character.skeleton.names.index(name)
+            self.character = move_joint(self.character, joint, place)
         self.undo.disabled = False
         self.show(self.character)
         self._draw()

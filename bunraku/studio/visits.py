@@ -75,6 +75,7 @@ class Visit:
         self.actors: list[Actor] = []
         self.cast: Cast | None = None
         self.record: Record | None = None
+        self.shades: np.ndarray | None = None  # colours of the figure as found
         self.poses = 0  # sent so far
         self._add_inputs()
         self._add_player()
@@ -217,12 +218,12 @@ class Visit:
         scene, aside = self.client.scene, max(width, 0.5)
         kept = self.folder / RESULTS / f"{record.name}.npy"
         places = find_counterparts(moved, np.load(kept)) if kept.exists() else None
-        colours = self._colours(record, moved)
+        self.shades = self._colours(record, moved)
         with self.stage:
             for actor in self.actors:
                 actor.leave()
             self.actors = [
-                Actor(scene, "/figure", moved, colours),
+                Actor(scene, "/figure", moved, self.shades),
                 Actor(scene, "/performer", performer, clay(performer), aside=aside),
             ]
             self.cast = Cast(moved, performer, places)
@@ -293,11 +294,10 @@ class Visit:
     def _show_moved(self, character: Character) -> None:
         """Put the figure with another skin in place of the one on the stage."""
         with self.stage:
-            if self.cast is None or self.record is None:
+            if self.cast is None or self.shades is None:
                 return
             self.actors[0].leave()
-            colours = self._colours(self.record, character)
-            self.actors[0] = Actor(self.client.scene, "/figure", character, colours)
+            self.actors[0] = Actor(self.client.scene, "/figure", character, self.shades)
             self.actors[0].fade(wanted=self.mover.moving.value)
             self.cast = replace(self.cast, figure=character)
         self._pose()
