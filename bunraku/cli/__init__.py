@@ -89,7 +89,7 @@ def animate(
     from bunraku.cli import steps
 
     inputs = [figure, performance, landmarks]
-    steps.check_output(out, steps.name_outputs(vrm=vrm), inputs=inputs)
+    steps.check_output(out, steps.list_suffixes(vrm=vrm), inputs=inputs)
     steps.check_output(report, [".json"], inputs=[*inputs, out])
     steps.check_output(bvh, [".bvh"], inputs=[*inputs, out])
     steps.check_engine(engine)
@@ -131,7 +131,7 @@ def rig(
     from bunraku.cli import steps
 
     inputs = [figure, performance, landmarks]
-    steps.check_output(out, steps.name_outputs(vrm=vrm), inputs=inputs)
+    steps.check_output(out, steps.list_suffixes(vrm=vrm), inputs=inputs)
     steps.check_output(report, [".json"], inputs=[*inputs, out])
     steps.check_engine(engine)
     with steps.working(figure):

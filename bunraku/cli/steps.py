@@ -50,7 +50,7 @@ def check_output(
         import_usd(path)
 
 
-def name_outputs(*, vrm: bool) -> list[str]:
+def list_suffixes(*, vrm: bool) -> list[str]:
     """List how the name of a moving figure's file may end."""
     return [".glb", ".vrm", *(() if vrm else USD_SUFFIXES)]
 
