@@ -18,10 +18,13 @@ def run_studio(figure: Path | None, performance: Path | None, *, host: str, port
         FormatError: if a file does not exist, or the extra is missing.
     """
     for path in (figure, performance):
-        is_film = path is performance and path is not None and is_depth_folder(path)
-        if path is not None and not path.is_file() and not is_film:
-            message = "does not exist; check the name and the folder"
-            raise FormatError(path, "", message, code=Code.FILE_MISSING)
+        if path is None or path.is_file() or (path is performance and is_depth_folder(path)):
+            continue
+        if path.is_dir():
+            message = "is a folder without depth frames; name a file, or a depth video to move by"
+            raise FormatError(path, "", message, code=Code.FILE_FOLDER)
+        message = "does not exist; check the name and the folder"
+        raise FormatError(path, "", message, code=Code.FILE_MISSING)
     studio = Studio(figure, performance, host=host, port=port)
     typer.echo(f"Open {studio.address} in a browser. Ctrl-C ends the studio.")
     try:

@@ -24,6 +24,12 @@ def test_a_missing_figure_is_one_line(capsys):
     assert capsys.readouterr().err.startswith("error: missing.obj: does not exist")
 
 
+def test_a_folder_without_frames_is_one_line(capsys, tmp_path):
+    for given in (["--with", str(tmp_path)], [str(tmp_path)]):
+        assert run(["studio", *given]) == 2
+        assert "is a folder without depth frames" in capsys.readouterr().err
+
+
 def test_what_is_given_is_offered_first(tmp_path):
     figures, performances = visits.choices(tmp_path / "hero.obj", None)
     assert list(figures) == ["hero.obj", "stylised", "realistic"]
