@@ -142,6 +142,16 @@ def test_names_are_made_fit_and_different():
     assert paths == ["__hip", "__hip/arm_L", "__hip/arm_L_2", "__hip/arm_L/arm_L"]
 
 
+def test_validators_find_nothing(human, tmp_path):
+    validation = pytest.importorskip("pxr.UsdValidation", reason="an older USD has no validators")
+    validators = validation.ValidationRegistry().GetOrLoadAllValidators()
+    assert len(validators) > 10
+    for suffix in (".usda", ".usdc", ".usdz"):
+        stage = Usd.Stage.Open(str(write(tmp_path, human, suffix=suffix)))
+        found = validation.ValidationContext(validators).Validate(stage)
+        assert [fault.GetMessage() for fault in found] == []
+
+
 def test_the_same_input_gives_the_same_bytes(human):
     for suffix in (".usda", ".usdc", ".usdz"):
         first, second = (encode_usd(as_figure(human.mesh), human, suffix=suffix) for _ in range(2))
