@@ -7,8 +7,10 @@ Figures are the built-in ones, stretched a little, so that no two are the same. 
 measured in rounds of ten figures, each with one worker and with two, one after the other, so that
 other work on the machine meets both alike. Other work spoils the clock all the same, so two more
 things are counted (on Linux): seconds of the processor, and seconds in which the batch could have
-run but waited for a core. The clock without this waiting, divided among the workers, is about what
-an idle machine would show. With --state, a run that was cut off goes on at the next round.
+run but waited for a core. The clock without this waiting, divided among the workers, is near what
+an idle machine would show, if anything too slow: what a job waits in its last moments is not seen,
+nor that in the end of a round one worker waits alone. With --state, a run that was cut off goes on
+at the next round.
 """
 
 import argparse
