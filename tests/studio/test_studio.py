@@ -85,7 +85,7 @@ def upload(page, button, path):
 
 def look(page):
     """The picture on the stage, without the controls."""
-    picture = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
+    picture = Image.open(io.BytesIO(page.screenshot(timeout=120_000))).convert("RGB")
     return np.asarray(picture.crop((0, TOP, 800, 700))).astype(int)
 
 
