@@ -1,16 +1,25 @@
 """Batches: two workers against one, and what random kills lose, do twice or tear.
 
-python bench/batching.py --figures 50 throughput
+python bench/batching.py --figures 50 throughput [--state ROUNDS.jsonl]
 python bench/batching.py --figures 12 kills --count 100
 
-Figures are the built-in ones, stretched a little, so that no two are the same.
+Figures are the built-in ones, stretched a little, so that no two are the same. Throughput is
+measured in rounds of ten figures, each with one worker and with two, one after the other, so that
+other work on the machine meets both alike. Other work spoils the clock all the same, so two more
+things are counted (on Linux): seconds of the processor, and seconds in which the batch could have
+run but waited for a core. The clock without this waiting, divided among the workers, is near what
+an idle machine would show, if anything too slow: what a job waits in its last moments is not seen,
+nor that in the end of a round one worker waits alone. With --state, a run that was cut off goes on
+at the next round.
 """
 
 import argparse
 import csv
 import hashlib
+import json
 import os
 import random
+import resource
 import signal
 import subprocess
 import sys
@@ -27,12 +36,15 @@ from bunraku.batching.records import find_record
 from bunraku.types import Mesh
 
 Stamps = dict[str, tuple[int, int]]
+Round = dict[str, float]
+ROUND = 10  # figures
 
 
-def make_jobs(folder: Path, count: int) -> Path:
+def make_jobs(folder: Path, count: int, *, first: int = 0) -> Path:
     """Write so many different figures, and the CSV that animates each with one clip."""
+    folder.mkdir(exist_ok=True)
     meshes = [bunraku.read(path).mesh for path in builtin.figure_paths().values()]
-    rng = np.random.default_rng(0)
+    rng = np.random.default_rng(first)
     with (folder / "jobs.csv").open("w", newline="") as file:
         lines = csv.writer(file)
         lines.writerow(["figure", "clips", "force"])
@@ -50,17 +62,81 @@ def start(jobs: Path, out: Path, *options: str) -> "subprocess.Popen[bytes]":
     return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
 
 
-def measure_throughput(jobs: Path, folder: Path) -> float:
-    """Give how many times faster two workers are than one."""
-    seconds = []
-    for workers in ("1", "2"):
-        began = time.perf_counter()
-        process = start(jobs, folder / workers, "--workers", workers)
-        errors = process.communicate()[1]
-        assert process.returncode == 0, errors.decode()[-300:]
-        seconds.append(time.perf_counter() - began)
-        print(f"{workers} workers: {seconds[-1]:.1f} s", flush=True)
-    return seconds[0] / seconds[1]
+def measure_throughput(folder: Path, *, figures: int, state: Path | None) -> list[Round]:
+    """Measure one worker and two on the same figures, round by round; give all rounds."""
+    done = []
+    if state and state.exists():
+        done = [json.loads(line) for line in state.read_text().splitlines()]
+    known = {(found["first"], found["workers"]) for found in done}
+    for first in range(0, figures, ROUND):
+        jobs = make_jobs(folder / f"from{first}", min(ROUND, figures - first), first=first)
+        turns = (1, 2) if first // ROUND % 2 == 0 else (2, 1)
+        for workers in turns:
+            if (first, workers) in known:
+                continue
+            done.append({"first": first, **time_batch(jobs, folder, workers=workers)})
+            print(json.dumps(done[-1]), flush=True)
+            if state:
+                with state.open("a") as file:
+                    print(json.dumps(done[-1]), file=file)
+    return done
+
+
+def time_batch(jobs: Path, folder: Path, *, workers: int) -> Round:
+    """Time a whole batch: by the clock, and by the processor with all its processes."""
+    out = folder / f"{jobs.parent.name}-{workers}"
+    load, used = os.getloadavg()[0], resource.getrusage(resource.RUSAGE_CHILDREN)
+    began = time.perf_counter()
+    process, waits = start(jobs, out, "--workers", str(workers)), dict[str, int]()
+    while process.poll() is None:
+        waits |= read_waits(process.pid)
+        time.sleep(0.2)
+    seconds, errors = time.perf_counter() - began, process.communicate()[1]
+    waited = sum(waits.values()) / 1e9 / workers
+    assert process.returncode == 0, errors.decode()[-300:]
+    now = resource.getrusage(resource.RUSAGE_CHILDREN)
+    processor = now.ru_utime - used.ru_utime + now.ru_stime - used.ru_stime
+    return {
+        "workers": workers,
+        "seconds": round(seconds, 2),
+        "unhindered": round(seconds - waited, 2),
+        "processor": round(processor, 2),
+        "load": round(load, 2),
+    }
+
+
+def read_waits(process: int) -> dict[str, int]:
+    """Read how many nanoseconds each thread of a process and of those below it waited for a core.
+
+    Keyed by process and thread: what has ended keeps its last value in the caller's hands.
+    """
+    waits = {}
+    for thread in Path(f"/proc/{process}/task").glob("*"):
+        with suppress(OSError, IndexError):  # it may just have ended
+            waits[str(thread)] = int((thread / "schedstat").read_text().split()[1])
+            for child in (thread / "children").read_text().split():
+                waits |= read_waits(int(child))
+    return waits
+
+
+def describe_throughput(rounds: list[Round]) -> str:
+    """Say how many times faster two workers are than one."""
+    total = {
+        (what, workers): sum(found[what] for found in rounds if found["workers"] == workers)
+        for what in ("seconds", "unhindered", "processor")
+        for workers in (1, 2)
+    }
+    ratio = total["seconds", 1] / total["seconds", 2]
+    alone = total["unhindered", 1] / total["unhindered", 2]
+    cost = total["processor", 2] / total["processor", 1]
+    loads = [found["load"] for found in rounds]
+    return (
+        f"two workers: {ratio:.2f} times as fast as one ({total['seconds', 1]:.0f} and "
+        f"{total['seconds', 2]:.0f} s), {alone:.2f} times without waiting for cores "
+        f"({total['unhindered', 1]:.0f} and {total['unhindered', 2]:.0f} s), "
+        f"for {cost:.2f} times the seconds of the processor; "
+        f"load when rounds began {min(loads):.1f} to {max(loads):.1f}"
+    )
 
 
 def kill_often(
@@ -146,15 +222,16 @@ def main() -> None:
     parser.add_argument("--figures", type=int, default=12)
     parser.add_argument("what", choices=["throughput", "kills"])
     parser.add_argument("--count", type=int, default=100)
+    parser.add_argument("--state", type=Path)
     parser.add_argument("--longest", type=float, default=8.0)
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        jobs = make_jobs(folder, given.figures)
         if given.what == "throughput":
-            print(f"{given.figures} figures: {measure_throughput(jobs, folder):.2f} times faster")
+            rounds = measure_throughput(folder, figures=given.figures, state=given.state)
+            print(f"{given.figures} figures, {describe_throughput(rounds)}")
         else:
-            rng = random.Random(0)
+            jobs, rng = make_jobs(folder / "jobs", given.figures), random.Random(0)
             print(kill_often(jobs, folder, count=given.count, longest=given.longest, rng=rng))
 
 

@@ -15,6 +15,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    __version__: str
     from bunraku.batching.batches import batch
     from bunraku.batching.jobs import Job
     from bunraku.batching.records import Record
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
     from bunraku.verbs.results import Result
     from bunraku.verbs.writing import write
 
-__version__ = "0.1.0"
+UNKNOWN = "0+unknown"  # version of files that were never installed
 __all__ = [
     "Film",
     "FormatError",
@@ -70,13 +71,24 @@ _HOMES = {
 
 
 def __getattr__(name: str) -> object:
-    """Import a public name when it is first used."""
+    """Import a public name when it is first used; the version is that of the installation."""
+    if name == "__version__":
+        return globals().setdefault(name, _find_version())
     if name not in _HOMES:
         raise AttributeError(f"module 'bunraku' has no attribute {name!r}")
     module, _, original = _HOMES[name].partition(":")
     found = getattr(import_module(module), original or name)
     globals()[name] = found
     return found
+
+
+def _find_version() -> str:
+    """Look up which version was installed: of the last tag, and how far beyond it."""
+    metadata = import_module("importlib.metadata")
+    try:
+        return str(metadata.version("bunraku"))
+    except metadata.PackageNotFoundError:
+        return UNKNOWN
 
 
 def __dir__() -> list[str]:

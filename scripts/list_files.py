@@ -11,7 +11,17 @@ ROOT = Path(__file__).parents[1]
 ORDER = (
     *("types", "errors", "limits", "rotations", "skinning", "meshes", "spectral", "graphs"),
     *("proxy", "matching", "registration", "weights", "skeletons", "reposing", "standing"),
-    *("depth", "curves", "bones", "embedding", "retargeting", "contacts", "humanoids", "routes"),
+    *(
+        "depth",
+        "curves",
+        "bones",
+        "embedding",
+        "retargeting",
+        "adjusting",
+        "contacts",
+        "humanoids",
+        "routes",
+    ),
     *("formats", "builtin", "evaluate", "verbs", "batching", "cli", "studio"),
 )  # the layers, lowest first; whatever is not named comes last
 BEGIN, END = "<!-- files: scripts/list_files.py -->\n```\n", "```\n<!-- end of files -->"

@@ -21,6 +21,7 @@ LAYERS = [
         *{"proxy", "matching", "registration", "weights", "skeletons", "reposing"},
         *{"depth", "curves", "bones", "embedding", "standing", "retargeting", "humanoids"},
         "contacts",
+        "adjusting",
     },
     {"neural"},
     {"routes"},

@@ -51,6 +51,11 @@ def test_the_map_puts_the_head_on_top(capsys):
     assert "leftFoot" in capsys.readouterr().out
 
 
+def test_a_joint_that_moves_takes_its_skin_along(capsys):
+    assert 0.02 < run("07_move_a_joint") < 0.2
+    assert "vertices have other weights" in capsys.readouterr().out
+
+
 def test_examples_are_short_and_none_is_forgotten():
     tested = Path(__file__).read_text()
     for path in EXAMPLES.glob("*.py"):

@@ -34,6 +34,7 @@ class Job(msgspec.Struct, frozen=True, kw_only=True):
     facing: str | None = None
     force: bool = False
     bvh: bool = False
+    usd: bool = False
     vrm: bool = False
     engine: str | None = msgspec.field(default=None, name="for")
 
@@ -109,7 +110,7 @@ def read_job(cells: Mapping[str, str], folder: Path) -> Job:
             given[name] = str(folder / cells[name])
     if "clips" in given:
         given["clips"] = [name.strip() for name in cells["clips"].split(";") if name.strip()]
-    for name in ("contacts", "force", "bvh", "vrm"):
+    for name in ("contacts", "force", "bvh", "usd", "vrm"):
         if name in given:
             given[name] = _as_truth(name, cells[name])
     try:

@@ -52,7 +52,7 @@ class Request(msgspec.Struct, frozen=True):
     name: str  # of the results
     folder: str
     memory: int  # bytes
-    keep_map: bool = False  # beside the results: vertices, and where each is on the performer
+    keep_map: bool = False  # beside the results: the map onto the performer, or the film of it
 
 
 class Message(msgspec.Struct, frozen=True):

@@ -21,6 +21,7 @@ import msgspec
 import numpy as np
 from PIL import Image
 
+from bunraku.batching.footage import FOOTAGE, PERFORMER, encode_footage, make_footage
 from bunraku.batching.records import Message, Record, Request, State, write_record
 from bunraku.evaluate.pictures import CLAY, arrange
 from bunraku.formats.files import write_atomically
@@ -29,6 +30,7 @@ from bunraku.types import FormatError, MatchError
 from bunraku.verbs.animating import animate
 from bunraku.verbs.engines import prepare_for
 from bunraku.verbs.failing import shorten
+from bunraku.verbs.filming import Film
 from bunraku.verbs.picturing import draw_clips, read_colours
 from bunraku.verbs.posing import Posed
 from bunraku.verbs.results import Result
@@ -75,9 +77,22 @@ def _produce(request: Request, folder: Path) -> tuple[dict[str, int], dict[str, 
         content = io.BytesIO()
         np.save(content, np.stack([result.character.mesh.vertices, result.counterparts]))
         write_atomically(files[-1], content.getvalue())
+    if request.keep_map and result.film:
+        files += keep_film(result.film, folder / name)
+    if job.usd:
+        files.append(folder / f"{name}.usdz")
+        write(files[-1], result, engine=job.engine)
     if job.bvh:
         files += write_motions(folder / f"{name}.bvh", prepare_for(result.character, job.engine))
     return {file.name: file.stat().st_size for file in files}, report
+
+
+def keep_film(film: Film, place: Path) -> list[Path]:
+    """Write who was filmed as NAME-performer.glb, and what the camera saw as NAME-film.npz."""
+    files = [place.with_name(place.name + ending) for ending in (PERFORMER, FOOTAGE)]
+    write(files[0], film)
+    write_atomically(files[1], encode_footage(make_footage(film.capture)))
+    return files
 
 
 def draw_result(result: Result | Posed, written: Path) -> bytes:

@@ -66,7 +66,7 @@ def root(version: VersionOption = None) -> None:
     epilog="Examples: bunraku animate hero.obj -o hero.glb   |   "
     "bunraku animate hero.glb --with knight.glb --clip Walk --clip Idle -o moving.glb   |   "
     "bunraku animate hero.glb --with dance.bvh -o dancing.glb --report dancing.json   |   "
-    "bunraku animate hero.glb --with recording/ -o hero-moves.glb   |   "
+    "bunraku animate hero.glb --with recording/ -o hero-moves.usdz   |   "
     "bunraku animate hero.glb --with avatar/ -o hero-poses.glb"
 )
 def animate(
@@ -90,7 +90,7 @@ def animate(
     from bunraku.cli import steps
 
     inputs = [figure, performance, landmarks, *steps.files_within(performance)]
-    steps.check_output(out, [".glb", ".vrm"], inputs=inputs)
+    steps.check_output(out, steps.list_suffixes(vrm=vrm), inputs=inputs)
     steps.check_output(report, [".json"], inputs=[*inputs, out])
     steps.check_output(bvh, [".bvh"], inputs=[*inputs, out])
     steps.check_engine(engine)
@@ -132,7 +132,7 @@ def rig(
     from bunraku.cli import steps
 
     inputs = [figure, performance, landmarks]
-    steps.check_output(out, [".glb", ".vrm"], inputs=inputs)
+    steps.check_output(out, steps.list_suffixes(vrm=vrm), inputs=inputs)
     steps.check_output(report, [".json"], inputs=[*inputs, out])
     steps.check_engine(engine)
     with steps.working(figure):
@@ -190,8 +190,9 @@ def capture(folder: DepthArgument, out: OutOption, report: ReportOption = None) 
     """Turn a depth video into a rigged performer: what was seen of it, a skeleton, its motion."""
     import bunraku
     from bunraku.cli import steps
+    from bunraku.formats.usd import USD_SUFFIXES
 
-    steps.check_output(out, [".glb"], inputs=[folder])
+    steps.check_output(out, [".glb", *USD_SUFFIXES], inputs=[folder])
     steps.check_output(report, [".json"], inputs=[folder, out])
     with steps.working(folder):
         captured = bunraku.capture(folder)

@@ -5,12 +5,12 @@ from typing import Annotated
 
 import typer
 
-from bunraku import __version__
-
 
 def print_version(wanted: bool | None) -> None:
     """Print the version and stop, if that was asked."""
     if wanted:
+        from bunraku import __version__
+
         typer.echo(f"bunraku {__version__}")
         raise typer.Exit
 

@@ -33,10 +33,11 @@ def pose(
     """Put a figure into the poses of an avatar that has no rig: one mesh, at rest and posed."""
     import bunraku
     from bunraku.cli import steps
+    from bunraku.formats.usd import USD_SUFFIXES
     from bunraku.verbs.writing import name_poses
 
     inputs = [figure, rest, *posed, network]
-    steps.check_output(out, [".glb", ".obj"], inputs=inputs)
+    steps.check_output(out, [".glb", *USD_SUFFIXES, ".obj"], inputs=inputs)
     for each in name_poses(out, len(posed)):
         steps.check_output(each, [], inputs=inputs)
     steps.check_output(report, [".json"], inputs=[*inputs, out])

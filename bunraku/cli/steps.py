@@ -13,6 +13,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 from bunraku.cli.failures import about, printing_warnings
 from bunraku.errors import NOTE, Code
 from bunraku.formats.files import check_place
+from bunraku.formats.usd import USD_SUFFIXES, import_usd
 from bunraku.types import FormatError
 from bunraku.verbs.engines import ENGINES
 
@@ -27,7 +28,7 @@ def check_output(
 
     Raises:
         FormatError: if its ending is none of `suffixes` (if there are any), its folder is missing
-            or closed to us, or it is a folder or one of the inputs.
+            or closed to us, it is a folder or one of the inputs, or its format needs an extra.
     """
     if path is None:
         return
@@ -45,6 +46,13 @@ def check_output(
     if path.is_dir():
         raise FormatError(path, "", "is a folder; name a file in it", code=Code.OUT_PLACE)
     check_place(path)
+    if path.suffix.lower() in USD_SUFFIXES:
+        import_usd(path)
+
+
+def list_suffixes(*, vrm: bool) -> list[str]:
+    """List how the name of a moving figure's file may end."""
+    return [".glb", ".vrm", *(() if vrm else USD_SUFFIXES)]
 
 
 def check_engine(engine: str | None) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 import typer
 
 from bunraku.errors import Code
+from bunraku.formats import is_depth_folder
 from bunraku.studio.serving import Studio
 from bunraku.types import FormatError
 
@@ -16,13 +17,14 @@ def run_studio(figure: Path | None, performance: Path | None, *, host: str, port
     Raises:
         FormatError: if a file does not exist, or the extra is missing.
     """
-    if performance is not None and performance.is_dir():
-        message = "is a folder: depth videos are not shown here yet; use bunraku animate"
-        raise FormatError(performance, "", message, code=Code.FILE_FOLDER)
     for path in (figure, performance):
-        if path is not None and not path.is_file():
-            message = "does not exist; check the name and the folder"
-            raise FormatError(path, "", message, code=Code.FILE_MISSING)
+        if path is None or path.is_file() or (path is performance and is_depth_folder(path)):
+            continue
+        if path.is_dir():
+            message = "is a folder without depth frames; name a file, or a depth video to move by"
+            raise FormatError(path, "", message, code=Code.FILE_FOLDER)
+        message = "does not exist; check the name and the folder"
+        raise FormatError(path, "", message, code=Code.FILE_MISSING)
     studio = Studio(figure, performance, host=host, port=port)
     typer.echo(f"Open {studio.address} in a browser. Ctrl-C ends the studio.")
     try:

@@ -4,7 +4,7 @@ from bunraku.formats.depth_video import is_depth_folder, read_depth
 from bunraku.formats.gltf import looks_back
 from bunraku.formats.inspection import Inspection, inspect
 from bunraku.formats.reading import read_character, read_figure, read_motion
-from bunraku.formats.writing import write_character, write_mesh, write_motion
+from bunraku.formats.writing import write_character, write_mesh, write_motion, write_usd
 
 __all__ = [
     "Inspection",
@@ -18,4 +18,5 @@ __all__ = [
     "write_character",
     "write_mesh",
     "write_motion",
+    "write_usd",
 ]

@@ -8,6 +8,7 @@ from bunraku.formats import gltf
 from bunraku.formats.bvh_writing import encode_bvh
 from bunraku.formats.files import Location, write_atomically
 from bunraku.formats.meshes import encode_obj, encode_ply
+from bunraku.formats.usd import USD_SUFFIXES, encode_usd
 from bunraku.types import Character, Clip, Figure, FormatError, Mesh, Skeleton
 
 
@@ -38,6 +39,20 @@ def write_character(
     asked = make_vrm or suffix == ".vrm"
     content = gltf.encode_character(figure, character, bones=bones, make_vrm=asked)
     write_atomically(path, content)
+
+
+def write_usd(path: Location, figure: Figure, character: Character) -> None:
+    """Write a figure with skeleton, skin and clips as USD.
+
+    Raises:
+        FormatError: if the suffix is none of USD's, the extra is missing, or the file cannot be
+            written.
+    """
+    suffix = PurePath(path).suffix.lower()
+    if suffix not in USD_SUFFIXES:
+        message = f"cannot hold USD as {suffix or 'no suffix'}; wanted {' '.join(USD_SUFFIXES)}"
+        raise FormatError(path, "", message, code=Code.OUT_SUFFIX)
+    write_atomically(path, encode_usd(figure, character, suffix=suffix))
 
 
 def write_motion(path: Location, skeleton: Skeleton, clip: Clip) -> None:

@@ -77,4 +77,4 @@ def describe(confidence: float) -> str:
         return "The figure fits the performer well."
     if confidence >= 0.5:
         return "The fit is fair: look at hands, feet and head."
-    return "The fit is poor: look at every limb before you use this."
+    return "The fit is poor: look at every limb; *Move joints*, below, puts some of it right."

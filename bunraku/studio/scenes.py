@@ -12,6 +12,7 @@ from bunraku.types import NO_PARENT, Character, Clip
 MOST_COLOURS = 10  # surfaces that a character is cut into, one a colour
 LEVELS = 32  # of red, green and blue, that count as one colour
 BONE = (250, 180, 40)
+FADED = 0.5  # opacity of a surface with something inside to see
 
 
 def split_by_colour(
@@ -96,9 +97,18 @@ class Actor:
         time = clip.times[0] + share * (clip.times[-1] - clip.times[0])
         return motion[min(int(np.searchsorted(clip.times, time)), len(motion) - 1)]
 
-    def pose(self, clip: Clip, share: float) -> None:
-        """Show a moment of a clip."""
-        world = self.world(clip, share)
+    @property
+    def bound(self) -> Float[np.ndarray, "joints 4 4"]:
+        """Where the joints were when the skin was made: the character's own pose."""
+        return np.linalg.inv(self.character.skin.inverse_bind)
+
+    def fade(self, *, wanted: bool) -> None:
+        """Let what is inside be seen through the surface, or no longer."""
+        for surface, _ in self.surfaces:
+            surface.opacity = FADED if wanted else None
+
+    def pose(self, world: Float[np.ndarray, "joints 4 4"]) -> None:
+        """Show the character with its joints in these places."""
         turns, places = split_poses(world)
         for surface, moving in self.surfaces:
             for bone, joint in zip(surface.bones, moving, strict=True):
@@ -108,19 +118,24 @@ class Actor:
         if self.cloud is not None:
             self.cloud.points = self._posed(world).astype(np.float32)
 
-    def show_skeleton(self, clip: Clip, share: float, *, wanted: bool) -> None:
+    def show_skeleton(self, world: Float[np.ndarray, "joints 4 4"], *, wanted: bool) -> None:
         """Draw the bones, or no longer."""
         if self.bones is not None:
             self.bones.remove()
         self.bones = None
         if wanted:
-            points = self._segments(self.world(clip, share))
             self.bones = self.scene.add_line_segments(
-                f"{self.name}/skeleton", points, BONE, line_width=4.0, position=self.place
+                f"{self.name}/skeleton",
+                self._segments(world),
+                BONE,
+                line_width=4.0,
+                position=self.place,
             )
 
     def show_points(
-        self, clip: Clip, share: float, colours: Float[np.ndarray, "vertices 3"] | None
+        self,
+        world: Float[np.ndarray, "joints 4 4"],
+        colours: Float[np.ndarray, "vertices 3"] | None,
     ) -> None:
         """Show coloured points at the vertices instead of the surface; None ends that.
 
@@ -136,7 +151,7 @@ class Actor:
             size = float(np.ptp(self.character.mesh.vertices[:, 1]))
             self.cloud = self.scene.add_point_cloud(
                 f"{self.name}/points",
-                self._posed(self.world(clip, share)).astype(np.float32),
+                self._posed(world).astype(np.float32),
                 colours.astype(np.uint8),
                 point_size=size / 60,
                 point_shape="circle",

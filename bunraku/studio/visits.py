@@ -5,6 +5,7 @@ import re
 import tempfile
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import msgspec
 import numpy as np
 
 from bunraku import builtin
+from bunraku.batching.footage import FOOTAGE, PERFORMER, Footage, decode_footage
 from bunraku.batching.jobs import Job, name_result
 from bunraku.batching.records import Record, Request, find_record
 from bunraku.batching.running import MEMORY, SECONDS, Crew, supervise
@@ -25,13 +27,20 @@ from bunraku.studio.casting import (
     describe,
     find_counterparts,
 )
+from bunraku.studio.dragging import JointMover
 from bunraku.studio.scenes import Actor
+from bunraku.studio.screening import Screen
+from bunraku.studio.unpacking import MAGIC, unpack_film
 from bunraku.types import Character, FormatError
 from bunraku.verbs.performing import BUILT_IN, read_performer
 from bunraku.verbs.picturing import read_colours
 
 LARGEST_UPLOAD, MOST_UPLOADS = 200 << 20, 1 << 30  # bytes, of one and of all of a visitor
 STAGES = ("proxy", "registration", "skin and skeleton", "rest pose", "retargeting", "writing")
+FILM_STAGES = (
+    *("subject", "tracking", "skeleton and skin", "proxy", "embedding", "skin"),
+    *("following the figure", "retargeting", "writing"),
+)
 RATE = 30.0  # poses a second
 NOTHING = "nothing"
 FIGURES, PERFORMANCES, RESULTS = "figures", "performances", "results"
@@ -66,6 +75,7 @@ class Visit:
         self.actors: list[Actor] = []
         self.cast: Cast | None = None
         self.record: Record | None = None
+        self.shades: np.ndarray | None = None  # colours of the figure as found
         self.poses = 0  # sent so far
         self._add_inputs()
         self._add_player()
@@ -122,6 +132,8 @@ class Visit:
         ]
         self.downloads[0].on_click(lambda _: self._send(".glb"))
         self.downloads[1].on_click(lambda _: self._send(".json"))
+        self.mover = JointMover(self.client, self._show_moved, self._show_own_pose)
+        self.screen = Screen(self.client, self._pose)
 
     def _take(self, upload: Any, kind: str, known: dict[str, Any], choice: Any) -> None:
         """Keep an upload under a name of ours, and choose it."""
@@ -132,7 +144,15 @@ class Visit:
             return
         name = re.sub(r"[^\w.-]+", "_", Path(upload.name).name).lstrip(".") or "upload"
         path = self.folder / kind / name
-        path.write_bytes(upload.content)
+        try:
+            if kind == PERFORMANCES and upload.content.startswith(MAGIC):
+                path = path.with_suffix("")
+                unpack_film(name, upload.content, path, most=MOST_UPLOADS - taken)
+            else:
+                path.write_bytes(upload.content)
+        except (FormatError, OSError) as error:
+            self._say(f"error: {error}")
+            return
         known[name] = path
         choice.options = tuple(known)
         choice.value = name
@@ -179,15 +199,18 @@ class Visit:
             self.places.release()
 
     def _tell(self, stage: str) -> None:
-        """Move the progress bar."""
-        if stage in STAGES:
-            self.progress.value = 100.0 * (STAGES.index(stage) + 0.5) / len(STAGES)
+        """Move the progress bar; a film's stages are others, and its tracking counts frames."""
+        film = self.performances[self.performance.value]
+        stages = FILM_STAGES if film is not None and film.is_dir() else STAGES
+        name = stage.partition(" ")[0] if stage.startswith("tracking ") else stage
+        if name in stages:
+            self.progress.value = 100.0 * (stages.index(name) + 0.5) / len(stages)
             self._say(f"{stage} ...")
 
     def _show(self, record: Record) -> None:
         """Put the moving figure beside its performer."""
         moved = read_character(self.folder / RESULTS / f"{record.name}.glb")
-        performer = read_performer(record.job.performance)
+        performer, footage = self._read_performer(record)
         width = 0.7 * float(
             np.ptp(moved.mesh.vertices[:, 0]) + np.ptp(performer.mesh.vertices[:, 0])
         )
@@ -195,15 +218,16 @@ class Visit:
         scene, aside = self.client.scene, max(width, 0.5)
         kept = self.folder / RESULTS / f"{record.name}.npy"
         places = find_counterparts(moved, np.load(kept)) if kept.exists() else None
-        colours = self._colours(record, moved)
+        self.shades = self._colours(record, moved)
         with self.stage:
             for actor in self.actors:
                 actor.leave()
             self.actors = [
-                Actor(scene, "/figure", moved, colours),
+                Actor(scene, "/figure", moved, self.shades),
                 Actor(scene, "/performer", performer, clay(performer), aside=aside),
             ]
             self.cast = Cast(moved, performer, places)
+            self.screen.take(footage, aside)
         self._look_at(0.5 * aside, height)
         self.record = record
         self.clip.options = tuple(clip.name for clip in moved.clips)
@@ -211,10 +235,19 @@ class Visit:
         self.colours.value = AS_FOUND
         for control in (self.clip, self.colours, self.weights, *self.downloads):
             control.disabled = False
+        self.mover.take(moved)
         self._draw_bones()
         self.progress.value = 100.0
         line = f"**Confidence {record.confidence:.2f}** after {record.seconds:.1f} s."
         self._say("\n\n".join([line, describe(record.confidence), *record.warnings]))
+
+    def _read_performer(self, record: Record) -> tuple[Character, Footage | None]:
+        """Read who performs, and what a camera saw of it if it was filmed."""
+        place = self.folder / RESULTS / record.name
+        film, performer = (place.with_name(place.name + end) for end in (FOOTAGE, PERFORMER))
+        if not film.exists():
+            return read_performer(record.job.performance), None
+        return read_character(performer), decode_footage(film.read_bytes())
 
     def _colours(self, record: Record, character: Character) -> np.ndarray:
         try:
@@ -226,8 +259,8 @@ class Visit:
         """Show the skeletons, or no longer."""
         with self.stage:
             for actor in self.actors:
-                if clip := self._find_clip(actor):
-                    actor.show_skeleton(clip, self.moment.value, wanted=self.skeleton.value)
+                if (world := self._place_joints(actor)) is not None:
+                    actor.show_skeleton(world, wanted=self.skeleton.value)
 
     def _choose_joint(self) -> None:
         """Show the weights of a joint, or the figure as found."""
@@ -241,8 +274,35 @@ class Visit:
                 return
             painted = self.cast.paint(self.colours.value, self.weights.value)
             for actor, colours in zip(self.actors, painted, strict=True):
-                if clip := self._find_clip(actor):
-                    actor.show_points(clip, self.moment.value, colours)
+                if (world := self._place_joints(actor)) is not None:
+                    actor.show_points(world, colours)
+
+    def _place_joints(self, actor: Actor) -> Any:
+        """Tell where an actor's joints are now; None if it has nothing to play."""
+        if self.mover.moving.value and actor is self.actors[0]:
+            return actor.bound
+        clip = self._find_clip(actor)
+        return None if clip is None else actor.world(clip, self.moment.value)
+
+    def _show_own_pose(self) -> None:
+        """Show the figure in its own pose while joints are moved, and moving otherwise."""
+        with self.stage:
+            for actor in self.actors[:1]:
+                actor.fade(wanted=self.mover.moving.value)
+        self._pose()
+
+    def _show_moved(self, character: Character) -> None:
+        """Put the figure with another skin in place of the one on the stage."""
+        with self.stage:
+            if self.cast is None or self.shades is None:
+                return
+            self.actors[0].leave()
+            self.actors[0] = Actor(self.client.scene, "/figure", character, self.shades)
+            self.actors[0].fade(wanted=self.mover.moving.value)
+            self.cast = replace(self.cast, figure=character)
+        self._pose()
+        self._draw_bones()
+        self._paint()
 
     def _find_clip(self, actor: Actor) -> Any:
         clips = {clip.name: clip for clip in actor.character.clips}
@@ -265,14 +325,15 @@ class Visit:
                 ) % 1
             wanted = (clip.name, self.moment.value, id(self.actors[0]))
             if wanted != shown:
-                self._pose(self.moment.value)
+                self._pose()
                 shown = wanted
 
-    def _pose(self, share: float) -> None:
+    def _pose(self) -> None:
         with self.stage, self.client.atomic():
             for actor in self.actors:
-                if clip := self._find_clip(actor):
-                    actor.pose(clip, share)
+                if (world := self._place_joints(actor)) is not None:
+                    actor.pose(world)
+            self.screen.show(self.moment.value)
         self.poses += 1
 
     def _send(self, suffix: str) -> None:
@@ -280,9 +341,11 @@ class Visit:
         if self.record is None:
             return
         path = self.folder / RESULTS / f"{self.record.name}{suffix}"
-        content = path.read_bytes()
         if suffix == ".json":
-            content = msgspec.json.format(msgspec.json.encode(self.record.report), indent=2)
+            report = self.record.report | {"moved_joints": self.mover.moves}
+            content = msgspec.json.format(msgspec.json.encode(report), indent=2)
+        else:
+            content = self.mover.write(path)
         name = f"{Path(self.record.job.figure).stem}-moving{suffix}"
         self.client.send_file_download(name, content, save_immediately=True)
 

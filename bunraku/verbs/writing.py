@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 
 from bunraku.errors import Code
-from bunraku.formats import write_character, write_mesh, write_motion
+from bunraku.formats import write_character, write_mesh, write_motion, write_usd
 from bunraku.formats.files import Location, write_atomically
 from bunraku.types import Character, FormatError, Mesh
 from bunraku.verbs.engines import name_bones, prepare_for
@@ -28,16 +28,18 @@ def write(
 
     Args:
         path: its suffix decides. A result becomes the figure's own document with skeleton, skin
-            and clips (.glb, .vrm), its motion alone (.bvh; several clips become NAME-CLIP.bvh), or
-            its report (.json); .obj takes the surface of a posed figure alone (several poses become
-            NAME-001.obj). A mesh becomes .obj, .ply or .glb.
+            and clips (.glb, .vrm), the same as USD (.usdz, .usdc, .usda), its motion alone (.bvh;
+            several clips become NAME-CLIP.bvh), or its report (.json); .obj takes the surface of a
+            posed figure alone (several poses become NAME-001.obj). A mesh becomes .obj, .ply or
+            .glb.
         thing: what `animate`, `rig`, `repose` or `pose` gave.
         vrm: say which joints are which bones of a human, by VRM 1.0; .vrm says it too.
         engine: name joints and clips as blender, godot, unity or unreal know them.
 
     Raises:
         FormatError: if the suffix is another one, the file cannot be written, the engine is
-            unknown, or a VRM is asked for and the performance has not all the bones of a human.
+            unknown, a VRM is asked for and the performance has not all the bones of a human or
+            the file is USD, or USD's extra is missing.
     """
     if isinstance(thing, Mesh):
         write_mesh(path, thing)
@@ -54,6 +56,10 @@ def _write_result(
         case ".glb" | ".vrm":
             bones = name_bones(character.skeleton)
             write_character(path, result.figure, character, bones=bones, make_vrm=vrm)
+        case ".usda" | ".usdc" | ".usdz":
+            if vrm:
+                raise FormatError(path, "", "cannot be a VRM; wanted .vrm", code=Code.OUT_SUFFIX)
+            write_usd(path, result.figure, character)
         case ".bvh":
             write_motions(path, character)
         case ".obj" if isinstance(result, Posed):
@@ -63,7 +69,10 @@ def _write_result(
         case other:
             message = f"cannot hold a result as {other or 'no suffix'}"
             raise FormatError(
-                path, "", f"{message}; wanted .glb .vrm .bvh, or .json", code=Code.OUT_SUFFIX
+                path,
+                "",
+                f"{message}; wanted .glb .vrm .usdz .usdc .usda .bvh, or .json",
+                code=Code.OUT_SUFFIX,
             )
 
 

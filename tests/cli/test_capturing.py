@@ -110,9 +110,3 @@ def test_nothing_is_written_into_the_recording(folder, monkeypatch, capsys):
     assert run(["capture", "wave", "-o", "x.glb", "--report", "wave/intrinsics.json"]) == 2
     assert "is also read" in capsys.readouterr().err
     assert (folder / "wave" / "intrinsics.json").read_bytes() == lens
-
-
-def test_the_studio_says_that_it_shows_no_recordings_yet(folder, monkeypatch, capsys):
-    monkeypatch.chdir(folder)
-    assert run(["studio", "creature.ply", "--with", "wave"]) == 2
-    assert "depth videos are not shown here yet" in capsys.readouterr().err

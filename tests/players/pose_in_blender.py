@@ -12,7 +12,12 @@ import bpy
 def main() -> None:
     path, clip, times = json.load(sys.stdin)
     bpy.ops.wm.read_factory_settings(use_empty=True)
-    bpy.ops.import_scene.gltf(filepath=path, disable_bone_shape=True)
+    if path.endswith(".glb"):
+        bpy.ops.import_scene.gltf(filepath=path, disable_bone_shape=True)
+        rate = bpy.context.scene.render.fps
+    else:
+        bpy.ops.wm.usd_import(filepath=path)
+        rate = 30  # a frame a time code
     (rig,) = [thing for thing in bpy.data.objects if thing.type == "ARMATURE"]
     action = next(a for a in bpy.data.actions if a.name == clip or a.name.startswith(clip + "_"))
     for track in rig.animation_data.nla_tracks:
@@ -23,7 +28,7 @@ def main() -> None:
     meshes = [thing for thing in bpy.data.objects if thing.type == "MESH"]
     answer = []
     for time in times:
-        frame = time * bpy.context.scene.render.fps
+        frame = time * rate
         bpy.context.scene.frame_set(int(frame), subframe=frame % 1)
         graph = bpy.context.evaluated_depsgraph_get()
         places = []

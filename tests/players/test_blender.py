@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bunraku import builtin
-from bunraku.formats import read_figure, write_character, write_mesh
+from bunraku.formats import read_figure, write_character, write_mesh, write_usd
 from bunraku.skinning import play_clip
 from bunraku.verbs.engines import ENGINES, prepare_for
 
@@ -47,6 +47,22 @@ def test_blender_puts_every_vertex_where_we_do(blender, engine, tmp_path):
     times = walk.times[frames].tolist()
     found = blender(str(tmp_path / "walk.glb"), character.clips[0].name, times)
     assert set(found["bones"]) == set(character.skeleton.names)
+    ours = play_clip(human, walk, frames)
+    size = np.ptp(human.mesh.vertices, axis=0).max()
+    assert np.abs(np.array(found["places"]) - ours).max() < 1e-3 * size
+
+
+def test_blender_puts_the_vertices_of_usd_where_we_do(blender, tmp_path):
+    pytest.importorskip("pxr", reason="no USD: pip install 'bunraku[usd]'")
+    human = builtin.human()
+    walk = next(clip for clip in human.clips if clip.name == "walk")
+    character = replace(human, clips=(walk,))
+    write_mesh(tmp_path / "human.ply", human.mesh)
+    write_usd(tmp_path / "walk.usdz", read_figure(tmp_path / "human.ply"), character)
+    frames = np.array([0, 15, 40])
+    times = walk.times[frames].tolist()
+    found = blender(str(tmp_path / "walk.usdz"), "walk", times)
+    assert len(found["bones"]) == len(human.skeleton.names)
     ours = play_clip(human, walk, frames)
     size = np.ptp(human.mesh.vertices, axis=0).max()
     assert np.abs(np.array(found["places"]) - ours).max() < 1e-3 * size

@@ -58,7 +58,7 @@ def test_the_viewers_skinning_gives_our_vertices(creature, halves):
     scene, clip = Scene(), creature.clips[0]
     actor = Actor(scene, "/a", creature, halves)
     share = 0.4
-    actor.pose(clip, share)
+    actor.pose(actor.world(clip, share))
     frame = int(np.searchsorted(clip.times, share * clip.times[-1]))
     ours = play_clip(creature, clip, slice(frame, frame + 1))[0]
     for node in scene.nodes.values():
@@ -74,19 +74,19 @@ def test_skeleton_and_points_come_and_go(creature, halves):
     scene, clip = Scene(), creature.clips[0]
     actor = Actor(scene, "/a", creature, halves)
     surfaces = set(scene.nodes)
-    actor.show_skeleton(clip, 0.0, wanted=True)
+    actor.show_skeleton(actor.world(clip, 0.0), wanted=True)
     colours = np.tile([1.0, 2.0, 3.0], (len(creature.mesh.vertices), 1))
-    actor.show_points(clip, 0.0, colours)
+    actor.show_points(actor.world(clip, 0.0), colours)
     cloud = scene.nodes["/a/points"]
     assert not any(scene.nodes[name].visible for name in surfaces)
     assert cloud.colors.dtype == np.uint8
     assert np.array_equal(cloud.colors, colours)
     before = scene.nodes["/a/skeleton"].points, cloud.points
-    actor.pose(clip, 0.5)
+    actor.pose(actor.world(clip, 0.5))
     assert np.abs(scene.nodes["/a/skeleton"].points - before[0]).max() > 0.01
     assert np.abs(cloud.points - before[1]).max() > 0.01
-    actor.show_skeleton(clip, 0.0, wanted=False)
-    actor.show_points(clip, 0.0, None)
+    actor.show_skeleton(actor.world(clip, 0.0), wanted=False)
+    actor.show_points(actor.world(clip, 0.0), None)
     assert set(scene.nodes) == surfaces
     assert all(node.visible for node in scene.nodes.values())
     actor.leave()

@@ -1,13 +1,16 @@
 import sys
 import threading
 
+import numpy as np
 import pytest
 
-from bunraku.cli import run
+from bunraku.cli import run, visiting
+from bunraku.cli.failures import INTERRUPTED
 from bunraku.errors import Code
 from bunraku.studio import visits
 from bunraku.studio.serving import Studio
 from bunraku.types import FormatError
+from tests.depth_folders import write_folder
 
 
 def test_a_missing_extra_is_one_line(monkeypatch):
@@ -22,6 +25,26 @@ def test_a_missing_extra_is_one_line(monkeypatch):
 def test_a_missing_figure_is_one_line(capsys):
     assert run(["studio", "missing.obj"]) == 2
     assert capsys.readouterr().err.startswith("error: missing.obj: does not exist")
+
+
+def test_a_folder_without_frames_is_one_line(capsys, tmp_path):
+    for given in (["--with", str(tmp_path)], [str(tmp_path)]):
+        assert run(["studio", *given]) == 2
+        assert "is a folder without depth frames" in capsys.readouterr().err
+
+
+def test_a_depth_video_is_served(monkeypatch, tmp_path):
+    """Its folder is offered; the rest is the page's, which waits for Ctrl-C."""
+    offered = []
+
+    def serve(figure, performance, **more):
+        offered.append(performance)
+        raise KeyboardInterrupt
+
+    write_folder(tmp_path, 1000 + np.zeros((2, 48, 64)))
+    monkeypatch.setattr(visiting, "Studio", serve)
+    assert run(["studio", "--with", str(tmp_path)]) == INTERRUPTED
+    assert offered == [tmp_path]
 
 
 def test_what_is_given_is_offered_first(tmp_path):

@@ -75,7 +75,8 @@ def test_commands_and_functions_can_do_the_same(command, verb):
 
 def test_a_job_of_a_batch_can_do_what_animate_can():
     options = set(inspect.signature(animate_command).parameters) - {"out", "report", "clip"}
-    assert set(bunraku.Job.__struct_fields__) == options | {"clips"}
+    endings = {"usd"}  # of -o; a job always writes a GLB, and this besides
+    assert set(bunraku.Job.__struct_fields__) == options | endings | {"clips"}
 
 
 def test_errors_name_the_file(tmp_path, cube):

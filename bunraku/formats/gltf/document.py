@@ -165,7 +165,7 @@ def _announce_misfits(document: Document) -> None:
     for index, image in enumerate(document.gltf.images):
         where = f"/images/{index}"
         try:
-            pixels = count_pixels(_read_image(document, where, image))
+            pixels = count_pixels(read_image(document, where, image))
         except FormatError as problem:
             document.warn(problem.where, problem.message, code=problem.code)
             continue
@@ -174,7 +174,7 @@ def _announce_misfits(document: Document) -> None:
             document.warn(where, message, code=Code.LIMIT_PIXELS)
 
 
-def _read_image(document: Document, where: str, image: Image) -> bytes:
+def read_image(document: Document, where: str, image: Image) -> bytes:
     """Fetch the bytes of an image, wherever they are."""
     if image.uri is not None:
         return read_uri(document.path, f"{where}/uri", image.uri)[0]

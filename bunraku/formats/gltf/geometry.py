@@ -115,7 +115,7 @@ def _read_block(document: Document, node: int, mesh: int, group: tuple[int, ...]
     faces = []
     for index in group:
         where = f"/meshes/{mesh}/primitives/{index}"
-        faces.append(_read_faces(document, where, primitives[index], len(vertices)))
+        faces.append(read_faces(document, where, primitives[index], len(vertices)))
     where = f"/meshes/{mesh}/primitives/{group[0]}"
     moved = read_influences(document, node, where, vertices=vertices)
     return Block(node, group, vertices, np.concatenate(faces), *moved)
@@ -140,9 +140,14 @@ def read_positions(document: Document, accessor: int) -> Float[np.ndarray, "vert
     return vertices
 
 
-def _read_faces(
+def read_faces(
     document: Document, where: str, primitive: Primitive, count: int
 ) -> Int[np.ndarray, "faces 3"]:
+    """Read the triangles of a primitive over `count` vertices; points have none.
+
+    Raises:
+        FormatError: if one names a vertex that is not there.
+    """
     if primitive.mode == POINTS:
         return np.zeros((0, 3), np.int64)
     if primitive.indices is None:
