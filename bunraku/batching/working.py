@@ -77,7 +77,7 @@ def _produce(request: Request, folder: Path) -> tuple[dict[str, int], dict[str, 
         content = io.BytesIO()
         np.save(content, np.stack([result.character.mesh.vertices, result.counterparts]))
         write_atomically(files[-1], content.getvalue())
-    if request.keep_map and result.film:
+    if request.keep_map and isinstance(result, Result) and result.film:
         files += keep_film(result.film, folder / name)
     if job.usd:
         files.append(folder / f"{name}.usdz")
