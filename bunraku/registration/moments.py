@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from bunraku.meshes import farthest_points
-from bunraku.rotations import decompose_transforms
+from bunraku.rotations import decompose_transforms, nearest_rotation
 from bunraku.skinning import clip_transforms, forward_kinematics
 from bunraku.types import Character
 
@@ -16,13 +16,15 @@ class Moments:
     """A character's joints at moments of its clips."""
 
     turns: Float[np.ndarray, "moments joints 3 3"]  # world, since rest
+    linear: Float[np.ndarray, "moments joints 3 3"]  # the same with what stretches them
     places: Float[np.ndarray, "moments joints 3"]  # world, in metres
     unlike: Int[np.ndarray, " unlike"]  # a few moments that differ most from each other
 
 
 def no_moments(count: int) -> Moments:
     """Give what a character of so many joints shows without clips."""
-    return Moments(np.empty((0, count, 3, 3)), np.empty((0, count, 3)), np.arange(0))
+    turns = np.empty((0, count, 3, 3))
+    return Moments(turns, turns, np.empty((0, count, 3)), np.arange(0))
 
 
 def look_at_clips(
@@ -38,14 +40,18 @@ def look_at_clips(
     if not source.clips:
         return no_moments(len(mass))
     rest = forward_kinematics(source.skeleton.parents, source.skeleton.rest)[:, :3, :3]
-    places, turns = [], []
+    at_rest = nearest_rotation(rest)
+    sound = np.abs(np.linalg.det(rest)) > 1e-9
+    undo = np.linalg.inv(np.where(sound[:, None, None], rest, at_rest))
+    places, turns, linear = [], [], []
     for clip in source.clips:
         frames = np.unique(np.linspace(0, len(clip.times) - 1, each).astype(int))
-        local = clip_transforms(clip, frames)
-        frame = forward_kinematics(source.skeleton.parents, local)
+        frame = forward_kinematics(source.skeleton.parents, clip_transforms(clip, frames))
         place, world, _ = decompose_transforms(frame)
         places.append(place)
-        turns.append(world @ np.swapaxes(rest, 1, 2))
+        turns.append(world @ np.swapaxes(at_rest, 1, 2))
+        linear.append(frame[..., :3, :3] @ undo)
     looked = np.concatenate(turns)
     spread = (looked * np.sqrt(mass / mass.sum())[:, None, None]).reshape(len(looked), -1)
-    return Moments(looked, np.concatenate(places), farthest_points(spread, count))
+    parts = np.concatenate(linear), np.concatenate(places)
+    return Moments(looked, *parts, farthest_points(spread, count))

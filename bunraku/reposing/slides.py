@@ -5,7 +5,7 @@ source's own clips tell: ridge regression of the one by the other, from rest, wh
 """
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from bunraku.registration.body import Body
 from bunraku.reposing.symmetry import chain_bones
@@ -14,6 +14,7 @@ from bunraku.types import NO_PARENT
 
 RIDGE = 0.02  # of the mean squared turn: what a moment must stand out from
 MOST_MOMENTS = 400  # that the regression learns from
+LEAST_STRETCH = 1e-4  # of volume: what a clip makes smaller, it hides
 LEAST_SHARE = 4e-3  # of the surface: what joints with less do was not seen
 
 
@@ -49,42 +50,43 @@ def expected_slides(
         slides in the source's metres, along the axes of its rest pose.
     """
     every = max(1, -(-len(body.moments.turns) // MOST_MOMENTS))
-    seen, places = body.moments.turns[::every], body.moments.places[::every]
-    carriers = body.carriers
-    above = turns_above(seen, carriers)
-    bones = np.einsum("mjba,mjb->mja", above, places - places[:, carriers])
-    slides = bones - (body.joints - body.joints[carriers])
-    slides[:, carriers == NO_PARENT] = 0.0
-    known, asked = (
-        bent(seen, above, body),
-        bent(turns[None], turns_above(turns[None], carriers), body),
-    )
+    known, asked = bent(body.moments.turns[::every], body), bent(turns[None], body)
     kernel = known @ known.T
     strength = float(np.trace(kernel)) / len(kernel)
     if strength <= 1e-12:
         return np.zeros_like(body.joints)
     system = kernel + RIDGE * strength * np.eye(len(kernel))
     shares = np.linalg.solve(system, known @ asked[0])
-    return np.einsum("m,mja->ja", shares, slides)
+    return np.einsum("m,mja->ja", shares, slides_at_moments(body, every))
 
 
-def turns_above(
-    turns: Float[np.ndarray, "moments joints 3 3"], carriers: Int[np.ndarray, " joints"]
-) -> Float[np.ndarray, "moments joints 3 3"]:
-    """Give the turn of each joint's carrier; none for a root."""
-    above = turns[:, carriers].copy()
-    above[:, carriers == NO_PARENT] = np.eye(3)
-    return above
+def slides_at_moments(body: Body, every: int) -> Float[np.ndarray, "moments joints 3"]:
+    """Measure how far each joint has slid on its carrier, in the carrier's own axes and stretch.
+
+    What a clip scales to nothing, to hide it, has not slid.
+
+    Args:
+        body: the source.
+        every: one moment in how many is looked at.
+    """
+    linear, places = body.moments.linear[::every], body.moments.places[::every]
+    above = linear[:, body.carriers]
+    there = (np.abs(np.linalg.det(above)) > LEAST_STRETCH) & (body.carriers != NO_PARENT)
+    undo = np.linalg.inv(np.where(there[:, :, None, None], above, np.eye(3)))
+    bones = np.einsum("mjab,mjb->mja", undo, places - places[:, body.carriers])
+    slides = bones - (body.joints - body.joints[body.carriers])
+    return np.where(there[:, :, None], slides, 0.0)
 
 
 def bent(
-    turns: Float[np.ndarray, "moments joints 3 3"],
-    above: Float[np.ndarray, "moments joints 3 3"],
-    body: Body,
+    turns: Float[np.ndarray, "moments joints 3 3"], body: Body
 ) -> Float[np.ndarray, "moments features"]:
-    """Describe moments by each joint's turn on its carrier, weighed by the surface it moves."""
+    """Describe moments by each joint's turn on its carrier, weighed by the surface it moves.
+
+    A root turns on nothing: which way the whole body looks says nothing.
+    """
     mass = body.areas @ body.weights
     mass = mass / mass.sum()
-    vectors = matrices_to_vectors(np.swapaxes(above, 2, 3) @ turns)
-    seen = mass > LEAST_SHARE
-    return (vectors * np.sqrt(mass)[:, None])[:, seen].reshape(len(turns), -1)
+    seen = (mass > LEAST_SHARE) & (body.carriers != NO_PARENT)
+    own = np.swapaxes(turns[:, body.carriers[seen]], 2, 3) @ turns[:, seen]
+    return (matrices_to_vectors(own) * np.sqrt(mass[seen])[:, None]).reshape(len(turns), -1)

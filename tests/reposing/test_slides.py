@@ -26,7 +26,7 @@ def bowing(body):
     frames = [bowed(degrees) for degrees in (0.0, 10.0, 20.0, 30.0, 40.0)]
     turns = np.array([turn for _, turn in frames])
     places = np.array([place for place, _ in frames])
-    return replace(body, moments=Moments(turns, places, np.arange(5)))
+    return replace(body, moments=Moments(turns, turns, places, np.arange(5)))
 
 
 def test_a_pose_of_the_clips_has_its_slides(bowing):
@@ -45,7 +45,8 @@ def test_at_rest_and_without_clips_nothing_slides(bowing, body):
 
 
 def test_a_character_that_only_stands_teaches_nothing(bowing):
-    moments = Moments(np.tile(np.eye(3), (4, 7, 1, 1)), np.tile(JOINTS, (4, 1, 1)), np.arange(4))
+    still = np.tile(np.eye(3), (4, 7, 1, 1))
+    moments = Moments(still, still, np.tile(JOINTS, (4, 1, 1)), np.arange(4))
     quiet = replace(bowing, moments=moments)
     np.testing.assert_array_equal(expected_slides(quiet, bowed(30.0)[1]), 0)
 
@@ -61,7 +62,26 @@ def test_slides_are_undone_at_the_figures_size(bowing):
 
 def test_where_and_how_the_body_stands_does_not_matter(bowing):
     """The hips' own turn and place are no turn and no slide of a joint on its carrier."""
-    seen, whole = bowing.moments, vectors_to_matrices(np.array([0.0, 1.0, 0.0]))
-    away = replace(seen, turns=whole @ seen.turns, places=seen.places @ whole.T + np.ones(3))
-    slides = expected_slides(replace(bowing, moments=away), whole @ bowed(30.0)[1])
-    assert slides[HEAD, 1] == pytest.approx(0.03, rel=0.1)  # measured .0279
+    seen, whole = bowing.moments, vectors_to_matrices(np.array([0.0, 2.5, 0.0]))
+    turns, places = whole @ seen.turns, seen.places @ whole.T + np.ones(3)
+    away = replace(bowing, moments=Moments(turns, turns, places, seen.unlike))
+    bow = bowed(30.0)[1]
+    np.testing.assert_allclose(expected_slides(away, bow), expected_slides(bowing, bow), atol=1e-12)
+    turned = expected_slides(bowing, whole @ bow)
+    np.testing.assert_allclose(turned, expected_slides(bowing, bow), atol=1e-12)
+
+
+def test_what_a_clip_stretches_or_hides_has_not_slid(bowing):
+    """The chest twice as large, and in one moment scaled to nothing."""
+    seen = bowing.moments
+    scale = np.array([2.0, 2.0, 2.0, 2.0, 1e-9])[:, None]
+    places, linear = seen.places.copy(), seen.linear.copy()
+    chest = places[:, CHEST].copy()
+    for joint in np.flatnonzero(PARENTS == CHEST):
+        places[:, joint] = chest + scale * (places[:, joint] - chest)
+    linear[:, CHEST] *= scale[..., None]
+    stretched = replace(bowing, moments=Moments(seen.turns, linear, places, seen.unlike))
+    slides = expected_slides(stretched, bowed(30.0)[1])
+    assert 0.01 < slides[HEAD, 1] < 0.03  # measured .0139; .072 if stretching were sliding
+    slides[HEAD, 1] = 0.0
+    np.testing.assert_allclose(slides, 0, atol=1e-12)
