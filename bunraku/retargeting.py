@@ -110,8 +110,8 @@ def plan_retarget(
         (float(body.joints[hips, 1]), float(rest[hips, 1, 3])),
         (body.proxy.mesh.vertices[:, 1], rested[:, 1]),
     )
-    areas = vertex_areas(figure.vertices, figure.faces)[seen] + 1e-12  # points have none
-    middle = np.average(rested, axis=0, weights=areas)
+    areas = vertex_areas(figure.vertices, figure.faces)[seen]  # points have none
+    middle = np.average(rested, axis=0, weights=areas if areas.any() else None)
     places = rest[hips, :3, 3], middle
     alike = reposed.trunk > 0.5
     aside = way_aside(body, reposed.heading, *places, scale=scale, alike=alike)
