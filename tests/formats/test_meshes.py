@@ -95,7 +95,15 @@ def test_pieces_merge_with_their_faces_shifted(cube):
         ),
         (HEADER + XYZ + FACE + QUAD.replace("4 0 1 2 3", "3 0 1 -1"), "ply", r"face 0: is \[0, 1"),
         (HEADER + XYZ + FACE + QUAD.replace("1 1 0", "1 nan 0"), "ply", "vertex 2: is"),
-        (HEADER + XYZ + FACE + QUAD.replace("1 1 0", "1 1"), "ply", "is a damaged PLY file"),
+        (HEADER + XYZ + FACE + QUAD.replace("1 1 0", "1 1"), "ply", "vertex 2: wanted a number"),
+        (
+            HEADER
+            + XYZ
+            + FACE.replace("property", "property int y\nproperty")
+            + QUAD.replace("4 0 1 2 3", "4 0 1 2"),
+            "ply",
+            "face 0: has fewer than three corners",
+        ),
         ("v 0 0 0\nv 1 0 0\nv 0 1e300 0\nf 1 2 3", "obj", "vertex 2: is"),
         ("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 7\n", "off", "face 0|damaged OFF"),
     ],
