@@ -250,16 +250,19 @@ class Visit:
         scene, aside = self.client.scene, max(width, 0.5)
         kept = self.folder / RESULTS / f"{record.name}.npy"
         places = find_counterparts(moved, np.load(kept)) if kept.exists() else None
-        self.shades = self._colours(record, moved)
-        with self.stage:
-            for actor in self.actors:
-                actor.leave()
-            self.actors = [
-                Actor(scene, "/figure", moved, self.shades),
-                Actor(scene, "/performer", performer, clay(performer), aside=aside),
-            ]
-            self.cast = Cast(moved, performer, places)
-            self.screen.take(footage, aside)
+        shades = self._colours(record, moved)
+        with self.mover.drawing:  # no joint of the figure before is moved meanwhile
+            with self.stage:
+                for actor in self.actors:
+                    actor.leave()
+                self.shades = shades
+                self.actors = [
+                    Actor(scene, "/figure", moved, shades),
+                    Actor(scene, "/performer", performer, clay(performer), aside=aside),
+                ]
+                self.cast = Cast(moved, performer, places)
+                self.screen.take(footage, aside)
+            self.mover.take(moved)
         self._look_at(0.5 * aside, height)
         self.record = record
         self.clip.options = tuple(clip.name for clip in moved.clips)
@@ -267,7 +270,6 @@ class Visit:
         self.colours.value = AS_FOUND
         for control in (self.clip, self.colours, self.weights, *self.downloads):
             control.disabled = False
-        self.mover.take(moved)
         self._draw_bones()
         self.progress.value = 100.0
         line = f"**Confidence {record.confidence:.2f}** after {record.seconds:.1f} s."
