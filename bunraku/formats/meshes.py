@@ -115,6 +115,12 @@ def _check_counts(path: Location, content: bytes, piece: Piece) -> None:
                 f"{message}; export or download it again",
                 code=Code.MESH_COUNT,
             )
+    strips = elements.get("tristrips")
+    if strips and strips.count:
+        message = "triangle strips are not read; export it again with faces instead"
+        if not len(piece.faces):
+            raise FormatError(path, "element tristrips", message, code=Code.MESH_LEFT_OUT)
+        announce(path, message, code=Code.MESH_LEFT_OUT, where="element tristrips")
 
 
 def _cut_polygons(
