@@ -30,8 +30,14 @@ class PlyElement:
 
 
 def check_ply(path: Location, content: bytes) -> bytes:
-    """Raise a FormatError unless a PLY header is sound and its counts fit into the file."""
+    """Raise a FormatError unless a PLY header is sound and its counts fit into the file.
+
+    Returns:
+        the file; with line feeds in its header, if that had carriage returns alone.
+    """
     body = find_ply_body(path, content)
+    if b"\n" not in content[:body]:
+        content = content[:body].replace(b"\r", b"\n") + content[body:]
     lines = content[:body].decode("utf-8", "replace").splitlines()
     elements = read_ply_elements(path, lines)
     encoding, version = [
@@ -73,6 +79,8 @@ def find_ply_body(path: Location, content: bytes) -> int:
         raise FormatError(
             path, "header", f"has no end_header line; {_AGAIN}", code=Code.MESH_HEADER
         )
+    if end[1] == b"\r\n" and b"\n" not in content[: end.start()]:
+        return end.end() - 1  # the header's lines end in returns alone: the feed is of the body
     return end.end()
 
 

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from bunraku import limits
 from bunraku.errors import Code, announce
 from bunraku.formats.files import Location
-from bunraku.formats.headers import check_ply
+from bunraku.formats.headers import check_ply, find_ply_body, read_ply_elements
 from bunraku.formats.obj import read_obj
 from bunraku.formats.off import read_off
 from bunraku.formats.pieces import Material, Piece
@@ -93,9 +93,34 @@ def _read_ply(path: Location, content: bytes) -> list[Piece]:
     content = rewrite_as_binary(path, check_ply(path, content))
     content, polygons = split_polygons(path, content)
     piece = _read_with_trimesh(path, content)
+    _check_counts(path, content, piece)
     if polygons is None:
         return [piece]
     return [replace(piece, faces=_cut_polygons(path, piece.positions, *polygons))]
+
+
+def _check_counts(path: Location, content: bytes, piece: Piece) -> None:
+    """Raise a FormatError if fewer vertices or faces were read than the header counts."""
+    header = content[: find_ply_body(path, content)].decode("utf-8", "replace")
+    elements = {part.name: part for part in read_ply_elements(path, header.splitlines())}
+    found = {"vertex": len(piece.positions), "face": len(piece.faces)}
+    if "face" in elements and len(elements["face"].lists) > 1:
+        del found["vertex"]  # vertices are cut apart where their faces differ in UVs
+    for name, count in found.items():
+        if name in elements and elements[name].count > count:
+            message = f"the header counts {elements[name].count} rows, {count} could be read"
+            raise FormatError(
+                path,
+                f"element {name}",
+                f"{message}; export or download it again",
+                code=Code.MESH_COUNT,
+            )
+    strips = elements.get("tristrips")
+    if strips and strips.count:
+        message = "triangle strips are not read; export it again with faces instead"
+        if not len(piece.faces):
+            raise FormatError(path, "element tristrips", message, code=Code.MESH_LEFT_OUT)
+        announce(path, message, code=Code.MESH_LEFT_OUT, where="element tristrips")
 
 
 def _cut_polygons(

@@ -12,7 +12,7 @@ from bunraku.errors import Code, announce
 from bunraku.formats.files import Location
 from bunraku.formats.obj_text import Lines, gather_words
 from bunraku.formats.pieces import Piece
-from bunraku.formats.text import NEWLINE, SPACE, decode_text
+from bunraku.formats.text import NEWLINE, SPACE, UTF8_MARK, UTF16_MARKS, decode_text
 from bunraku.types import FormatError
 
 UNCOUNTED = (0, 0xFFFFFFFF)
@@ -32,13 +32,23 @@ def read_stl(path: Location, content: bytes) -> list[Piece]:
         FormatError: if a binary file has not the triangles that it claims, or a vertex line of a
             text is no vertex.
     """
-    content = check_stl(path, content)
+    content = check_stl(path, _drop_mark(content))
     count = int.from_bytes(content[80:HEADER], "little")
     if len(content) == HEADER + RECORD.itemsize * count:
         _check_count(path, 3 * count)
         corners = np.frombuffer(content, RECORD, offset=HEADER)["corners"]
         return [_piece("", corners.reshape(-1, 3).astype(np.float64))]
     return list(_read_text(path, content.replace(b"\r\n", b"\n").replace(b"\r", b"\n")))
+
+
+def _drop_mark(content: bytes) -> bytes:
+    """Give a text that begins with a mark of Unicode as UTF-8 without it."""
+    count = int.from_bytes(content[80:HEADER], "little")
+    if len(content) == HEADER + RECORD.itemsize * count:
+        return content  # binary, whatever its header says
+    if content[:2] in UTF16_MARKS:
+        return decode_text(content).encode()
+    return content.removeprefix(UTF8_MARK)
 
 
 def _check_count(path: Location, corners: int) -> None:
@@ -80,6 +90,9 @@ def _read_text(path: Location, text: bytes) -> Iterator[Piece]:
             raise FormatError(path, _line_at(text, mark.start()), message, code=Code.MESH_DAMAGED)
         if len(positions):
             yield _piece(decode_text(mark[2]).strip(), positions)
+    if not count and any(b" vertex " in mark[2].lower() for mark in marks):
+        message = "has no line breaks between its facets; export it with a vertex a line"
+        raise FormatError(path, "line 1", message, code=Code.MESH_DAMAGED)
     if not marks or not marks[-1][1]:
         message = "ends without endsolid: some of it may be missing"
         announce(path, message, code=Code.MESH_COUNT, where=_line_at(text, len(text)))
@@ -146,7 +159,9 @@ def _read_rows(path: Location, text: bytes, starts: np.ndarray, ends: np.ndarray
         try:
             x, y, z = map(float, line.split()[1:])
         except ValueError:
-            message = f"wanted vertex x y z, got {line[:50]!r}"
+            message = (
+                f"wanted vertex x y z on a line of its own, got {line[:50]!r}; export it again"
+            )
             raise FormatError(path, _line_at(text, start), message, code=Code.MESH_NUMBER) from None
         rows.append((x, y, z))
     return np.array(rows)

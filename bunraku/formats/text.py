@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 from jaxtyping import Int, Shaped
 
-UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
+UTF8_MARK, UTF16_MARKS = b"\xef\xbb\xbf", (b"\xff\xfe", b"\xfe\xff")
 SPACE, NEWLINE = 32, 10
 
 

@@ -38,7 +38,7 @@ class JointMover:
         self.original: Character | None = None  # as it was animated
         self.character: Character | None = None  # with the joints where they were dragged
         self.nodes: list[Any] = []
-        self.drawing = threading.RLock()
+        self.drawing = threading.RLock()  # who may change the figure; before that of the stage
         self.handles: Any = None
         gui = client.gui
         with gui.add_folder("Joints"):
@@ -51,11 +51,12 @@ class JointMover:
 
     def take(self, character: Character) -> None:
         """Work on another figure."""
-        self.original = self.character = character
+        with self.drawing:
+            self.original = self.character = character
+            self.undo.disabled = True
         self.moving.value = False
         self.joint.options = character.skeleton.names
         self.moving.disabled = self.joint.disabled = False
-        self.undo.disabled = True
         self._draw()
 
     @property
@@ -69,15 +70,19 @@ class JointMover:
         return {names[joint]: after[joint].tolist() for joint in np.flatnonzero(apart)}
 
     def move(self, name: str, place: Float[np.ndarray, "3"]) -> None:
-        """Put a joint elsewhere, and show the figure with its skin anew."""
-        if self.character is None:
-            return
+        """Put a joint elsewhere, and show the figure with its skin anew.
+
+        Nothing happens if it is another figure by the time that earlier moves are done.
+        """
+        figure = self.original
         with self.drawing:
+            if self.character is None or self.original is not figure:
+                return
             joint = self.character.skeleton.names.index(name)
             self.character = move_joint(self.character, joint, place)
-        self.undo.disabled = False
-        self.show(self.character)
-        self._draw()
+            self.undo.disabled = False
+            self.show(self.character)
+            self._draw()
 
     def write(self, path: Path) -> bytes:
         """Give a result's file, with the joints where they were dragged to.
@@ -94,7 +99,9 @@ class JointMover:
 
     def undo_all(self) -> None:
         """Put all joints back."""
-        if self.original is not None:
+        with self.drawing:
+            if self.original is None:
+                return
             self.character = self.original
             self.undo.disabled = True
             self.show(self.character)

@@ -2,10 +2,13 @@
 
 import contextlib
 import re
+import shutil
 import tempfile
 import threading
 import time
 from dataclasses import replace
+from functools import partial
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +20,7 @@ from bunraku.batching.footage import FOOTAGE, PERFORMER, Footage, decode_footage
 from bunraku.batching.jobs import Job, name_result
 from bunraku.batching.records import Record, Request, find_record
 from bunraku.batching.running import MEMORY, SECONDS, Crew, supervise
+from bunraku.errors import Code
 from bunraku.evaluate.pictures import CLAY
 from bunraku.formats import read_character
 from bunraku.studio.casting import (
@@ -71,6 +75,7 @@ class Visit:
         for name in (FIGURES, PERFORMANCES, RESULTS):  # an upload can never pass for a result
             (self.folder / name).mkdir()
         self.stage = threading.Lock()  # who may change what is shown
+        self.keeping, self.numbers = threading.Lock(), count()  # who may upload; of uploads
         self.crew, self.gone, self.busy = Crew(), threading.Event(), threading.Lock()
         self.actors: list[Actor] = []
         self.cast: Cast | None = None
@@ -95,7 +100,7 @@ class Visit:
         """End the visitor's job, and remove what was uploaded and made."""
         self.gone.set()
         self.crew.end()
-        with self.busy:
+        with self.busy, self.keeping:
             self.kept.cleanup()
 
     def _add_inputs(self) -> None:
@@ -136,37 +141,63 @@ class Visit:
         self.screen = Screen(self.client, self._pose)
 
     def _take(self, upload: Any, kind: str, known: dict[str, Any], choice: Any) -> None:
-        """Keep an upload under a name of ours, and choose it."""
-        size = len(upload.content)
-        taken = sum(path.stat().st_size for path in self.folder.rglob("*") if path.is_file())
-        if size > LARGEST_UPLOAD or taken + size > MOST_UPLOADS:
-            self._say(f"error: {upload.name}: has {size >> 20} MB, more than may be uploaded here")
-            return
-        name = re.sub(r"[^\w.-]+", "_", Path(upload.name).name).lstrip(".") or "upload"
-        path = self.folder / kind / name
-        try:
-            if kind == PERFORMANCES and upload.content.startswith(MAGIC):
-                path = path.with_suffix("")
-                unpack_film(name, upload.content, path, most=MOST_UPLOADS - taken)
-            else:
-                path.write_bytes(upload.content)
-        except (FormatError, OSError) as error:
-            self._say(f"error: {error}")
-            return
-        known[name] = path
+        """Keep an upload under a name of ours, and choose it; after the visit nothing is kept."""
+        with self.keeping:
+            if self.gone.is_set():
+                return
+            name = re.sub(r"[^\w.-]+", "_", Path(upload.name).name).lstrip(".") or "upload"
+            try:
+                path = self._keep(upload, kind, name)
+            except (FormatError, OSError) as error:
+                self._say(f"error: {error}")
+                return
+            earlier, known[name] = known.get(name), path
+            self._drop(earlier)
         choice.options = tuple(known)
         choice.value = name
         self._say(f"{name} is here. Press **Animate**.")
 
+    def _keep(self, upload: Any, kind: str, name: str) -> Path:
+        """Write an upload into a folder of its own, or nothing at all."""
+        size = len(upload.content)
+        taken = sum(path.stat().st_size for path in self.folder.rglob("*") if path.is_file())
+        if size > LARGEST_UPLOAD or taken + size > MOST_UPLOADS:
+            message = f"has {size >> 20} MB, more than may be uploaded here; give a smaller one"
+            raise FormatError(upload.name, "", message, code=Code.LIMIT_BYTES)
+        folder = self.folder / kind / str(next(self.numbers))
+        folder.mkdir()
+        try:
+            if kind == PERFORMANCES and upload.content.startswith(MAGIC):
+                path = (folder / name).with_suffix("")
+                unpack_film(name, upload.content, path, most=MOST_UPLOADS - taken)
+            else:
+                path = folder / name
+                path.write_bytes(upload.content)
+        except BaseException:
+            shutil.rmtree(folder, ignore_errors=True)
+            raise
+        return path
+
+    def _drop(self, path: Path | None) -> None:
+        """Remove an upload that another one replaces, unless a job may still read it."""
+        ours = path is not None and path.is_relative_to(self.folder)
+        if path is not None and ours and self.busy.acquire(blocking=False):
+            try:
+                shutil.rmtree(path.parent, ignore_errors=True)
+            finally:
+                self.busy.release()
+
     def _say(self, text: str) -> None:
         """Show a line without the names of our folders."""
-        self.status.content = re.sub(rf"{re.escape(str(self.folder))}/\w+/", "", text)
+        self.status.content = re.sub(rf"{re.escape(str(self.folder))}/\w+/(\d+/)?", "", text)
 
     def animate(self) -> None:
         """Run the job of the chosen figure and performance; show how it ended."""
         if not self.busy.acquire(blocking=False):
             return
         try:
+            if self.gone.is_set():
+                return
             self.start.disabled = True
             record = self._run(self.figures[self.figure.value], self.performance.value)
             if record.state == "done":
@@ -193,15 +224,16 @@ class Visit:
             job = Job(figure=str(figure), performance=None if path is None else str(path))
             folder, name = self.folder / RESULTS, name_result(job)
             request = Request(job, name, str(folder), MEMORY, keep_map=True)
-            done = find_record(folder, name) or supervise(request, SECONDS, self._tell, self.crew)
+            tell = partial(
+                self._tell, FILM_STAGES if path is not None and path.is_dir() else STAGES
+            )
+            done = find_record(folder, name) or supervise(request, SECONDS, tell, self.crew)
             return msgspec.structs.replace(done, job=job)  # of equal files, the one chosen
         finally:
             self.places.release()
 
-    def _tell(self, stage: str) -> None:
-        """Move the progress bar; a film's stages are others, and its tracking counts frames."""
-        film = self.performances[self.performance.value]
-        stages = FILM_STAGES if film is not None and film.is_dir() else STAGES
+    def _tell(self, stages: tuple[str, ...], stage: str) -> None:
+        """Move the progress bar along the stages of a job; a film's tracking counts frames."""
         name = stage.partition(" ")[0] if stage.startswith("tracking ") else stage
         if name in stages:
             self.progress.value = 100.0 * (stages.index(name) + 0.5) / len(stages)
@@ -218,16 +250,19 @@ class Visit:
         scene, aside = self.client.scene, max(width, 0.5)
         kept = self.folder / RESULTS / f"{record.name}.npy"
         places = find_counterparts(moved, np.load(kept)) if kept.exists() else None
-        self.shades = self._colours(record, moved)
-        with self.stage:
-            for actor in self.actors:
-                actor.leave()
-            self.actors = [
-                Actor(scene, "/figure", moved, self.shades),
-                Actor(scene, "/performer", performer, clay(performer), aside=aside),
-            ]
-            self.cast = Cast(moved, performer, places)
-            self.screen.take(footage, aside)
+        shades = self._colours(record, moved)
+        with self.mover.drawing:  # no joint of the figure before is moved meanwhile
+            with self.stage:
+                for actor in self.actors:
+                    actor.leave()
+                self.shades = shades
+                self.actors = [
+                    Actor(scene, "/figure", moved, shades),
+                    Actor(scene, "/performer", performer, clay(performer), aside=aside),
+                ]
+                self.cast = Cast(moved, performer, places)
+                self.screen.take(footage, aside)
+            self.mover.take(moved)
         self._look_at(0.5 * aside, height)
         self.record = record
         self.clip.options = tuple(clip.name for clip in moved.clips)
@@ -235,7 +270,6 @@ class Visit:
         self.colours.value = AS_FOUND
         for control in (self.clip, self.colours, self.weights, *self.downloads):
             control.disabled = False
-        self.mover.take(moved)
         self._draw_bones()
         self.progress.value = 100.0
         line = f"**Confidence {record.confidence:.2f}** after {record.seconds:.1f} s."

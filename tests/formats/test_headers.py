@@ -14,6 +14,13 @@ def test_sound_headers_pass():
     assert check_ply("a.ply", PLY) == PLY
 
 
+def test_a_header_of_carriage_returns_alone_gets_line_feeds():
+    assert check_ply("a.ply", PLY.replace(b"\n", b"\r")).startswith(PLY[: PLY.index(b"0 0 0")])
+    head = PLY[: PLY.index(b"0 0 0")].replace(b"ascii", b"binary_little_endian")
+    body = b"\n" + bytes(11 + 24 + 13)  # begins as if the header's last line end went on
+    assert check_ply("a.ply", head.replace(b"\n", b"\r") + body) == head + body
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [

@@ -78,6 +78,21 @@ def test_quads_and_colours_of_a_ply():
     np.testing.assert_array_equal(piece.colours[:, :3], np.tile([1, 0, 0], (4, 1)))
 
 
+def test_carriage_returns_alone_end_lines_of_a_ply():
+    text = (HEADER + XYZ + FACE + QUAD).replace("\n", "\r")
+    assert read_one(text.encode(), "ply").faces.tolist() == [[0, 1, 2], [0, 2, 3]]
+
+
+def test_triangle_strips_are_never_lost_in_silence(caplog):
+    strips = "element tristrips 1\nproperty list int int vertex_indices\n"
+    text = HEADER + XYZ + strips + "end_header\n" + QUAD
+    with pytest.raises(FormatError, match="element tristrips: triangle strips are not read"):
+        read_one(text.encode(), "ply")
+    text = HEADER + XYZ + FACE.replace("end_header", f"{strips}end_header") + QUAD + "3 0 1 2\n"
+    assert len(read_one(text.encode(), "ply").faces) == 2
+    assert "triangle strips are not read" in caplog.text
+
+
 def test_pieces_merge_with_their_faces_shifted(cube):
     piece = Piece("a", cube.vertices, cube.faces)
     mesh = merge_pieces([piece, piece])
@@ -95,7 +110,15 @@ def test_pieces_merge_with_their_faces_shifted(cube):
         ),
         (HEADER + XYZ + FACE + QUAD.replace("4 0 1 2 3", "3 0 1 -1"), "ply", r"face 0: is \[0, 1"),
         (HEADER + XYZ + FACE + QUAD.replace("1 1 0", "1 nan 0"), "ply", "vertex 2: is"),
-        (HEADER + XYZ + FACE + QUAD.replace("1 1 0", "1 1"), "ply", "is a damaged PLY file"),
+        (HEADER + XYZ + FACE + QUAD.replace("1 1 0", "1 1"), "ply", "vertex 2: wanted a number"),
+        (
+            HEADER
+            + XYZ
+            + FACE.replace("property", "property int y\nproperty")
+            + QUAD.replace("4 0 1 2 3", "4 0 1 2"),
+            "ply",
+            "face 0: has fewer than three corners",
+        ),
         ("v 0 0 0\nv 1 0 0\nv 0 1e300 0\nf 1 2 3", "obj", "vertex 2: is"),
         ("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 7\n", "off", "face 0|damaged OFF"),
     ],

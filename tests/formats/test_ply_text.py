@@ -1,9 +1,11 @@
 import numpy as np
 import pytest
 
+from bunraku.errors import Code
 from bunraku.formats.headers import check_ply
 from bunraku.formats.meshes import read_pieces
 from bunraku.formats.ply_text import rewrite_as_binary
+from bunraku.types import FormatError
 
 HEAD = """ply
 format ascii 1.0
@@ -44,15 +46,33 @@ def test_a_text_is_read_as_the_binary_file_that_it_becomes(line_end):
     [
         ROWS.replace("255", "256", 1) + TRIANGLES,  # no uchar
         ROWS.replace("255", "1.5", 1) + TRIANGLES,
-        ROWS.replace("1e0", "one") + TRIANGLES,
-        ROWS.replace("0 0 0 255 0 0", "0 0 0 255 0") + TRIANGLES,
         ROWS + "4 0 1 2 3\n3 0 1 2\n",  # polygons of several sizes
-        ROWS + "3 0 1 2\n",
     ],
 )
 def test_rows_that_do_not_fit_stay_text(rows):
     content = (HEAD + rows).encode()
-    assert rewrite_as_binary("a.ply", content) is content
+    assert rewrite_as_binary("a.ply", content) == content
+    spaced = (HEAD + "\n" + rows.replace("\n", "\n\n")).encode()
+    assert rewrite_as_binary("a.ply", spaced) == content
+
+
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        (ROWS + "3 0 1 2\n", "element face: the header counts 2 rows, the file has 1; give"),
+        (ROWS[:28], "element vertex: the header counts 4 rows, the file has 2; give"),
+        (ROWS.replace("\n", " ") + "\n" + TRIANGLES, "element vertex: .* the file has 3; give"),
+        ((ROWS + TRIANGLES).replace(" ", "\n"), "vertex 0: wanted a number .* got '0'; export"),
+        (ROWS.replace("1e0", "one") + TRIANGLES, "vertex 2: wanted a number .* got '1 one"),
+        (ROWS.replace("255 0 0", "255 0", 1) + TRIANGLES, "vertex 0: wanted a number"),
+        (ROWS + "4 0 1 2 3\n3 0 1\n", "face 1: wanted a number .* got '3 0 1'"),
+        (ROWS + "4 0 1 2 3\n-1 0 1\n", "face 1: wanted a number"),
+    ],
+)
+def test_a_text_that_is_cut_or_wrapped_is_refused(rows, message):
+    with pytest.raises(FormatError, match=message) as caught:
+        read(HEAD + rows + "\n" * 60)
+    assert caught.value.code is Code.MESH_COUNT
 
 
 def test_a_binary_file_stays_as_it_is():

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from bunraku.formats import stl
+from bunraku.formats.sniffing import sniff
 from bunraku.formats.stl import check_stl, read_stl
 from bunraku.types import FormatError
 
@@ -18,6 +19,20 @@ def test_a_text_and_a_binary_file_hold_the_same():
         (piece,) = read_stl("a.stl", content)
         np.testing.assert_array_equal(piece.positions, CORNERS)
         assert piece.faces.tolist() == [[0, 1, 2]]
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
+def test_marks_of_unicode_are_no_part_of_the_text(encoding):
+    content = TEXT.decode().encode(encoding)
+    assert sniff("a.stl", content) == "stl"
+    (piece,) = read_stl("a.stl", content)
+    assert (piece.name, piece.positions.tolist()) == ("a", CORNERS)
+
+
+def test_a_binary_header_may_begin_as_a_text_does():
+    for mark in (b"\xff\xfe", b"\xef\xbb\xbfsolid"):
+        binary = mark.ljust(80, b"\0") + (1).to_bytes(4, "little") + bytes(50)
+        assert len(read_stl("a.stl", binary)[0].faces) == 1
 
 
 @pytest.mark.parametrize("chunk", [1, 40, 1 << 20])
@@ -89,7 +104,9 @@ def test_a_text_that_breaks_off_is_told(caplog):
         ),
         (b"\0" * 84, "claims 0 triangles"),
         (b"\0" * 80, "claims 0 triangles, the file has bytes for 0"),
-        (TEXT.replace(b"1 0 0", b"1 x 0"), "line 5: wanted vertex x y z, got 'vertex 1 x 0'"),
+        (TEXT.replace(b"1 0 0", b"1 x 0"), "line 5: wanted vertex .* got 'vertex 1 x 0'"),
+        (TEXT.replace(b"\nvertex", b" vertex"), "line 3: wanted vertex x y z on a line of its own"),
+        (TEXT.replace(b"\n", b" "), "line 1: has no line breaks between its facets"),
         (TEXT.replace(b"1 0 0", b"1 0"), "line 5: wanted vertex x y z"),
         (TEXT.replace(b"1 0 0", b"1 vertex 0 0"), "line 5: wanted vertex x y z"),
         (TEXT.replace(b"vertex 1 0 0\n", b""), "line 1: 2 vertices are no whole triangles"),

@@ -1,5 +1,7 @@
 """Joints that a visitor drags; the page is a stand-in here, test_studio.py has a real one."""
 
+import threading
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,6 +10,7 @@ import pytest
 import bunraku
 from bunraku.formats import read_character
 from bunraku.skinning import play_clip
+from bunraku.studio import dragging
 from bunraku.studio.dragging import JointMover, joint_places
 
 
@@ -95,6 +98,44 @@ def test_a_dragged_joint_gives_the_figure_another_skin(mover, creature, shown):
     mover.undo_all()
     assert mover.moves == {}
     assert shown[-1] is creature
+
+
+@pytest.mark.parametrize("change", ["take", "undo_all"])
+def test_a_change_of_the_figure_waits_for_a_move(mover, creature, shown, monkeypatch, change):
+    other = replace(creature, clips=())
+    begun, go_on = threading.Event(), threading.Event()
+
+    def slow(character, joint, place):
+        begun.set()
+        assert go_on.wait(10)
+        return replace(character, clips=())
+
+    monkeypatch.setattr(dragging, "move_joint", slow)
+    name, place = creature.skeleton.names[1], np.zeros(3)
+    moving = threading.Thread(target=mover.move, args=(name, place))
+    moving.start()
+    assert begun.wait(10)
+    target, args = (mover.take, (other,)) if change == "take" else (mover.undo_all, ())
+    changing = threading.Thread(target=target, args=args)
+    changing.start()
+    go_on.set()
+    moving.join(10)
+    changing.join(10)
+    assert mover.character is (other if change == "take" else creature)
+    assert mover.undo.disabled
+
+
+def test_a_move_that_waits_is_dropped_with_its_figure(mover, creature, shown):
+    other = replace(creature, clips=())
+    with mover.drawing:
+        name, place = creature.skeleton.names[1], np.zeros(3)
+        moving = threading.Thread(target=mover.move, args=(name, place))
+        moving.start()
+        moving.join(0.2)
+        mover.take(other)
+    moving.join(10)
+    assert mover.character is other
+    assert shown == []
 
 
 def test_a_dot_that_is_clicked_is_chosen(mover, page, creature):

@@ -83,7 +83,7 @@ def test_uploads_are_capped_renamed_and_removed(monkeypatch):
         return visit.status.content
 
     assert take("../../etc/pass word", b"1234") == "pass_word is here. Press **Animate**."
-    assert visit.figures["pass_word"].parent == visit.folder / "figures"
+    assert visit.figures["pass_word"].parent.parent == visit.folder / "figures"
     assert take("..", b"1234") == "upload is here. Press **Animate**."
     assert "more than may be uploaded" in take("big.obj", bytes(11))
     monkeypatch.setattr(visits, "MOST_UPLOADS", 10)

@@ -13,6 +13,7 @@ from bunraku.formats.gltf.geometry import Block, read_faces
 from bunraku.types import FormatError
 
 WHITE = (1.0, 1.0, 1.0, 1.0)
+LARGEST = float(np.finfo(np.float32).max)  # in which colours are written
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,8 +42,9 @@ def read_looks(figure: FigureDocument) -> list[Look]:
     All else that materials say is left out; what is damaged looks plain.
     """
     document, first, looks = figure.document, 0, list[Look]()
-    materials = document.copy_json().get("materials", [])
-    paints = [_read_paint(document, material) for material in materials]
+    told = document.copy_json()
+    textures = told.get("textures", [])
+    paints = [_read_paint(document, material, textures) for material in told.get("materials", [])]
     for block, place in zip(figure.blocks, figure.world_from_mesh, strict=True):
         looks += [
             _read_look(document, block, index, place=place, first=first, paints=paints)
@@ -92,18 +94,18 @@ def _read_rows(
     return rows if len(rows) == count and np.isfinite(rows).all() else None
 
 
-def _read_paint(document: Document, material: Any) -> Paint:
+def _read_paint(document: Document, material: Any, textures: Any) -> Paint:
     """Read a material's base colour; white where it is damaged."""
     try:
         values = material.get("pbrMetallicRoughness", {})
         colour = tuple(float(value) for value in values.get("baseColorFactor", WHITE))
         texture = values.get("baseColorTexture")
-        if len(colour) != len(WHITE):
+        if len(colour) != len(WHITE) or not all(abs(value) < LARGEST for value in colour):
             return Paint()
         if texture is None:
             return Paint(colour)
-        source = document.copy_json()["textures"][texture["index"]]["source"]
+        source = textures[texture["index"]]["source"]
         picture = read_image(document, f"/images/{source}", document.gltf.images[source])
         return Paint(colour, picture, int(texture.get("texCoord", 0)))
-    except (AttributeError, FormatError, LookupError, TypeError, ValueError):
+    except (AttributeError, FormatError, LookupError, OverflowError, TypeError, ValueError):
         return Paint()
