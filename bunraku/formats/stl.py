@@ -37,7 +37,8 @@ def read_stl(path: Location, content: bytes) -> list[Piece]:
     if len(content) == HEADER + RECORD.itemsize * count:
         _check_count(path, 3 * count)
         corners = np.frombuffer(content, RECORD, offset=HEADER)["corners"]
-        return [_piece("", corners.reshape(-1, 3).astype(np.float64))]
+        with np.errstate(invalid="ignore"):  # signalling NaN: told as not finite further on
+            return [_piece("", corners.reshape(-1, 3).astype(np.float64))]
     return list(_read_text(path, content.replace(b"\r\n", b"\n").replace(b"\r", b"\n")))
 
 
