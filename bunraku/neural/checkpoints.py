@@ -112,7 +112,7 @@ def check_origin(notes: dict[str, str], origin: dict[str, str]) -> None:
             found = notes.get(what, f"no {what}")
             raise ValueError(
                 f"the checkpoint is of {found}, not of {wanted}; "
-                "give its options again, or start anew without --resume"
+                "give its options again, or name another file with -o to start anew"
             )
 
 

@@ -109,7 +109,7 @@ def train_deform(
     course = course or training.Course(kind=kind, seed=seed)
     work = Work(
         *(
-            "deform",
+            f"deform-{kind}",
             course,
             partial(load_implicit_corpus, default_folder(), size, seed, builtin.human()),
         ),
@@ -230,7 +230,7 @@ def _check_range(steps: int, until: int | None, minutes: float | None) -> int:
 
 
 def _find_start(place: Path, course: str, goal: int, *, resume: bool) -> bytes | None:
-    """Read the checkpoint to go on from; starting anew, refuse to lose one of the same course."""
+    """Read the checkpoint to go on from; starting anew, refuse to lose the one that is there."""
     from bunraku.neural.checkpoints import check_origin, read_origin
 
     if not resume and not place.is_file():
@@ -241,7 +241,8 @@ def _find_start(place: Path, course: str, goal: int, *, resume: bool) -> bytes |
         check_origin(notes, {"course": course})
     except ValueError as error:
         if not resume:
-            return None
+            message = "is not of this course; name another file with -o, or remove it to start anew"
+            raise FormatError(place, "", message, code=Code.OUT_PLACE) from error
         raise FormatError(place, "", str(error), code=Code.NETWORK) from error
     step = int(notes["step"])
     if not resume:

@@ -219,6 +219,10 @@ def test_training_anew_does_not_lose_a_checkpoint(train, tmp_path):
     with pytest.raises(FormatError, match="go on with --resume") as caught:
         train()
     assert caught.value.code is Code.OUT_PLACE
+    with pytest.raises(FormatError, match="not of this course; name another file") as caught:
+        train(steps=2)
+    assert caught.value.code is Code.OUT_PLACE
+    (tmp_path / "net.checkpoint").unlink()
     assert "trained 2 steps" in train(steps=2)
 
 
