@@ -112,7 +112,8 @@ def find_tasks(
 def may_perform(name: str, parts: Sequence[str]) -> bool:
     """Tell whether a character may be the performer of a wanted pair, before files are read."""
     heads = [part.partition(">")[0].lower() for part in parts if ">" in part]
-    loose = any(">" not in part and ":" not in part for part in parts)
+    alone = [part.partition(":") for part in parts if ">" not in part]  # a figure's, or a clip
+    loose = any(not (colon and "/" in head) for head, colon, _ in alone)  # else of the other table
     return not parts or loose or any(head in name.lower() for head in heads)
 
 
