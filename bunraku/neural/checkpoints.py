@@ -92,7 +92,7 @@ def restore(
         step = int(notes["step"])
         network.load_state_dict({name: tensors[name] for name in network.state_dict()})
         for name, parameter in network.named_parameters():
-            if f"step:{name}" not in tensors:
+            if not any(f"{moment}:{name}" in tensors for moment in MOMENTS):
                 continue
             moments = {moment: tensors[f"{moment}:{name}"] for moment in MOMENTS}
             if any(m.shape not in (parameter.shape, torch.Size()) for m in moments.values()):
