@@ -13,13 +13,14 @@ import numpy as np
 from jaxtyping import Float
 
 from bunraku import builtin
-from bunraku.errors import Code, announce, collecting_doubts
+from bunraku.errors import NOTE, Code, announce, collecting_doubts
 from bunraku.evaluate.pose import Paper
 from bunraku.evaluate.report import report_avatar_transfer
 from bunraku.formats import is_depth_folder, looks_back
 from bunraku.formats.files import Location, read_bytes
 from bunraku.formats.sniffing import sniff
 from bunraku.graphs import mesh_edges
+from bunraku.neural.avatars import CLIP
 from bunraku.neural.parts import Reader
 from bunraku.routes.from_avatar import AvatarTransfer, animate_from_avatar
 from bunraku.skinning import play_clip
@@ -147,6 +148,27 @@ def avatar_files(folder: Location) -> tuple[Path, list[Path]]:
         message = f"holds {rest[0].name} and no poses; put the posed meshes beside it"
         raise FormatError(place, "", message, code=Code.AVATAR_POSED)
     return rest[0], posed
+
+
+def check_avatar(
+    folder: Location, clips: Sequence[str] | None, landmarks: object, *, contacts: bool
+) -> None:
+    """Refuse clips that poses do not have, and landmarks; say that no feet are planted anyway.
+
+    Raises:
+        FormatError: about the folder or the landmarks.
+    """
+    for name in clips or ():
+        if name != CLIP:
+            message = f"has no clip {name!r}; an avatar's poses are one clip, {CLIP!r}"
+            raise FormatError(folder, "", message, code=Code.CLIP_MISSING)
+    if landmarks is not None:
+        message = "name joints, which an avatar without a rig does not have; leave them out"
+        where = landmarks if isinstance(landmarks, str | Path) else "landmarks"
+        raise FormatError(where, "", message, code=Code.LANDMARKS)
+    if not contacts:
+        message = "an avatar's poses plant no feet, with contacts or without"
+        announce(folder, message, code=Code.OPTION, level=NOTE)
 
 
 def _meshes(place: Path) -> tuple[list[Path], list[Path]]:

@@ -267,6 +267,17 @@ def test_an_avatar_in_a_folder_is_a_performance(avatar, poses, tmp_path):
         bunraku.animate(figure, folder, ["Walk"])
 
 
+def test_an_avatar_has_one_clip_and_no_joints(avatar, poses, cube, tmp_path, caplog):
+    folder = write_avatar(tmp_path / "avatar", avatar, poses)
+    with pytest.raises(FormatError, match="'capture'; an avatar's poses are one clip, 'pose'"):
+        bunraku.animate(cube, folder, ["capture"])
+    with pytest.raises(FormatError, match="which an avatar without a rig does not have"):
+        bunraku.animate(cube, folder, ["pose"], landmarks={"tail": (0.0, 0.0, 0.0)})
+    with caplog.at_level("INFO"):
+        posing.check_avatar(folder, ["pose"], None, contacts=False)
+    assert "plant no feet" in caplog.text
+
+
 def test_folders_that_are_no_avatar_say_why(avatar, poses, tmp_path):
     folder = write_avatar(tmp_path / "avatar", avatar, poses)
     for path in folder.glob("pose-*"):
