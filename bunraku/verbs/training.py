@@ -95,6 +95,9 @@ def train_deform(
         kind: person or quadruped.
         course: how long each phase is; as long as that of the built-in networks without.
         size: how many shapes; as many as in the paper without.
+
+    Raises:
+        ValueError: if course or size are of another kind, or the course of another seed.
     """
     need_torch("bunraku train")
     from bunraku.neural.corpus import KINDS, default_folder
@@ -107,6 +110,9 @@ def train_deform(
     size = size or SIZES[kind]
     need_people(size.labelled if kind == "person" else 0)
     course = course or training.Course(kind=kind, seed=seed)
+    wanted, found = (kind, kind, seed), (course.kind, size.kind, course.seed)
+    if wanted != found:
+        raise ValueError(f"kinds of course and size, and seed, are {found}; wanted {wanted}")
     work = Work(
         *(
             f"deform-{kind}",

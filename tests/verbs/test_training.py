@@ -70,6 +70,13 @@ def test_training_that_cannot_be_says_why(tmp_path):
         train(out, resume=True)
 
 
+@pytest.mark.parametrize("other", [{"kind": "person"}, {"seed": 1}])
+def test_a_course_of_another_kind_or_seed_is_refused(other, monkeypatch):
+    monkeypatch.setattr(training, "need_people", lambda count: None)
+    with pytest.raises(ValueError, match="kinds of course and size, and seed, are"):
+        train_deform(**{"kind": "quadruped", "course": COURSE, "size": SIZE} | other)
+
+
 def test_the_two_kinds_have_files_of_their_own(tmp_path, monkeypatch):
     monkeypatch.setattr(training, "_train", lambda work, out, **options: work.name)
     monkeypatch.setattr(training, "need_people", lambda count: None)
