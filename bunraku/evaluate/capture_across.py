@@ -41,6 +41,7 @@ logger = logging.getLogger(__name__)
 SEEN = 0.2  # share of a limb's surface and time in sight: one that faces the camera shows half
 LEAST = 0.005  # of all vertices: a bone that moves less has no direction that shows
 TOUCHING = 1e-3  # the same of the surface that it shares with its parent
+UNSEEN = "no bone was seen"
 Frames = Float[np.ndarray, "frames vertices 3"]
 
 
@@ -112,7 +113,8 @@ def find_tasks(
 def may_perform(name: str, parts: Sequence[str]) -> bool:
     """Tell whether a character may be the performer of a wanted pair, before files are read."""
     heads = [part.partition(">")[0].lower() for part in parts if ">" in part]
-    loose = any(">" not in part and ":" not in part for part in parts)
+    alone = [part.partition(":") for part in parts if ">" not in part]  # a figure's, or a clip
+    loose = any(not (colon and "/" in head) for head, colon, _ in alone)  # else of the other table
     return not parts or loose or any(head in name.lower() for head in heads)
 
 
@@ -152,6 +154,8 @@ def measure(task: Task) -> Row:
         bone_directions(places, target.skin.weights, target.skeleton.parents, kept)
         for places in (frames, truth, np.broadcast_to(truth[0], truth.shape))
     )
+    if not theirs.shape[1]:
+        return replace(row, failure=UNSEEN, seconds=seconds)
     return replace(
         row,
         bones=theirs.shape[1],
@@ -200,8 +204,8 @@ def bone_directions(
 def describe(row: Row) -> str:
     """Put one row on one line."""
     name = f"{row.family}/{row.performer} > {row.figure} {row.clip} {row.camera}"
-    if row.failure:
-        return f"{name}: FAILED: {row.failure}"
+    if row.failure or row.angle is None:  # as rows of earlier versions, kept as null, may be
+        return f"{name}: FAILED: {row.failure or UNSEEN}"
     angles = f"{row.angle:.1f} degrees (still {row.angle_static:.1f}) on {row.bones} seen bones"
     return f"{name}: {angles}, {row.seconds:.0f} s{', WARNED' * row.warned}"
 

@@ -4,10 +4,11 @@ PMD and ELS of a figure in an avatar's poses, with simple ways of doing it besid
 aligned to the truth. Baselines marked * are given the avatar's true rig; ours sees its surface.
 """
 
+import logging
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Int
@@ -25,12 +26,14 @@ from bunraku.routes.from_avatar import AvatarTransfer, animate_from_avatar
 from bunraku.skinning import play_clip
 from bunraku.types import Character, MatchError, Mesh
 
+logger = logging.getLogger(__name__)
 BASELINES = ("static", "nearest offset", "nearest skin*", "nearest triangles")
 PAPER = ("paper", "paper adapted", "paper no volume")  # its form, trained here
 METHODS = (*BASELINES, *PAPER, "network", "registration", "ours")
 _OF_PAPER = ("paper parts", "paper s")
 
 
+@runtime_checkable
 class Answer(Protocol):
     """What the paper's form makes of a task."""
 
@@ -105,10 +108,7 @@ def measure(task: Task, *, read: Reader, paper: Mapping[str, Paper] | None = Non
     moved["network"] = _play(transfer.learned)
     if transfer.registered is not None:
         moved["registration"] = _play(transfer.registered.character)
-    answered = None
-    if (form := (paper or {}).get(transfer.avatar.kind)) is not None:
-        bodies = (avatar.mesh, transfer.avatar), (task.figure, transfer.figure)
-        answered = form(bodies[0], task.poses, bodies[1])
+    if (answered := ask_paper(task, transfer, paper or {})) is not None:
         moved |= answered.frames
     return Row(
         *task.key(),
@@ -124,6 +124,19 @@ def measure(task: Task, *, read: Reader, paper: Mapping[str, Paper] | None = Non
         paper_parts=part_accuracy(answered.labels, transfer, task) if answered else None,
         paper_seconds=answered.seconds if answered else None,
     )
+
+
+def ask_paper(task: Task, transfer: AvatarTransfer, paper: Mapping[str, Paper]) -> Answer | None:
+    """Ask the paper's form of the avatar's kind, if it is there and takes these surfaces."""
+    form = paper.get(transfer.avatar.kind)
+    if form is None:
+        return None
+    avatar = task.avatar.mesh, transfer.avatar
+    try:
+        return form(avatar, task.poses, (task.figure, transfer.figure))
+    except (ValueError, np.linalg.LinAlgError) as error:
+        logger.warning("%s seed %d: no rows of the paper's form: %s", task.name, task.seed, error)
+        return None
 
 
 def baselines(task: Task) -> dict[str, Frames]:

@@ -21,6 +21,7 @@ from bunraku.rotations import (
 from bunraku.skinning import keep_influences, linear_blend_skinning, local_transforms
 from bunraku.types import NO_PARENT, Character, Clip, Mesh, Skeleton, Skin
 
+CLIP = "pose"  # name of the clip of an avatar's poses
 SAMPLES = 3000  # vertices that tell how parts turn
 LEAST_SHARE = 2e-3  # of the surface; smaller parts turn with their parents
 PRIOR = 2e-6  # pull towards the parent's turn, in squared heights times shares of the surface
@@ -74,7 +75,7 @@ def as_character(
     local = local_transforms(parents, compose_transforms(moved, turns))
     quaternions = matrices_to_quaternions(local[..., :3, :3])
     places = local[..., :3, 3].copy()
-    clip = Clip("pose", times, places, quaternions, np.ones_like(places))
+    clip = Clip(CLIP, times, places, quaternions, np.ones_like(places))
     skin = Skin(keep_influences(seen.weights), invert_rigid(bind))
     return Character(mesh, skeleton, skin, (clip,))
 

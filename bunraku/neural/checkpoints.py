@@ -92,7 +92,7 @@ def restore(
         step = int(notes["step"])
         network.load_state_dict({name: tensors[name] for name in network.state_dict()})
         for name, parameter in network.named_parameters():
-            if f"step:{name}" not in tensors:
+            if not any(f"{moment}:{name}" in tensors for moment in MOMENTS):
                 continue
             moments = {moment: tensors[f"{moment}:{name}"] for moment in MOMENTS}
             if any(m.shape not in (parameter.shape, torch.Size()) for m in moments.values()):
@@ -112,7 +112,7 @@ def check_origin(notes: dict[str, str], origin: dict[str, str]) -> None:
             found = notes.get(what, f"no {what}")
             raise ValueError(
                 f"the checkpoint is of {found}, not of {wanted}; "
-                "give its options again, or start anew without --resume"
+                "give its options again, or name another file with -o to start anew"
             )
 
 

@@ -8,6 +8,7 @@ from bunraku.spectral import SHIFTS, factorise, laplacian
 from bunraku.types import Mesh
 
 STIFF = 0.7  # share of one part from which a loose piece is taken for rigid, chosen in-sample
+BODY = 0.5  # share of the figure's area from which a piece is no loose one, but the body
 
 
 def stiffen(
@@ -16,7 +17,7 @@ def stiffen(
     """Give loose pieces that are nearly all of one part to that part alone.
 
     A helmet, a block, a shoe of its own hangs on one bone; a sleeve or a body passes from part to
-    part, and no part has so much of it.
+    part, and no part has so much of it. What is most of the figure is no loose piece, and is left.
 
     Args:
         least: share of a piece's area that its strongest part must have.
@@ -28,9 +29,10 @@ def stiffen(
     area = np.maximum(vertex_areas(mesh.vertices, mesh.faces), 1e-12)[:, None]
     total = np.zeros((int(piece.max()) + 1, weights.shape[1]))
     np.add.at(total, piece, area * weights)
-    share = total / total.sum(axis=1, keepdims=True)
-    alone = np.eye(weights.shape[1])[share.argmax(axis=1)]
-    return np.where((share.max(axis=1) > least)[piece][:, None], alone[piece], weights)
+    size = total.sum(axis=1)
+    alone = np.eye(weights.shape[1])[total.argmax(axis=1)]
+    rigid = (total.max(axis=1) > least * size) & (size <= BODY * size.sum())
+    return np.where(rigid[piece][:, None], alone[piece], weights)
 
 
 def diffuse(

@@ -17,8 +17,13 @@ Nearest = Int[np.ndarray, "rows columns 2"]
 
 
 def find_nearest_shown(depth: Float[np.ndarray, "all_rows all_columns"]) -> Nearest:
-    """Give, for every STRIDE-th pixel, the row and column of the nearest that shows the subject."""
+    """Give, for every STRIDE-th pixel, the row and column of the nearest that shows the subject.
+
+    Its own, if none does: then nothing is known to stick out.
+    """
     shown = depth[::STRIDE, ::STRIDE] > 0
+    if not shown.any():
+        return np.moveaxis(np.indices(shown.shape), 0, -1).astype(np.int64)
     nearest = distance_transform_edt(~shown, return_distances=False, return_indices=True)
     return np.moveaxis(nearest, 0, -1).astype(np.int64)
 

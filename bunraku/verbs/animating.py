@@ -25,7 +25,7 @@ from bunraku.verbs.performing import (
     read_landmarks,
     read_performer,
 )
-from bunraku.verbs.posing import Posed, avatar_files, is_avatar_folder, pose
+from bunraku.verbs.posing import Posed, avatar_files, check_avatar, is_avatar_folder, pose
 from bunraku.verbs.results import Result
 
 
@@ -68,7 +68,7 @@ def animate(
     """
     began = time.perf_counter()
     if isinstance(performance, str | os.PathLike) and is_avatar_folder(performance):
-        check_film(performance, clips, landmarks)
+        check_avatar(performance, clips, landmarks, contacts=contacts)
         rest, posed = avatar_files(performance)
         return pose(figure, rest, posed, seed=seed, up=up, facing=facing, force=force)
     found = as_figure(figure, up=up, facing=facing)

@@ -4,7 +4,7 @@ import os
 
 import numpy as np
 
-from bunraku.formats import looks_back, read_figure
+from bunraku.formats import looks_back, read_figure, turn_round
 from bunraku.formats.files import Location
 from bunraku.types import Figure, Mesh
 from bunraku.verbs.failing import about
@@ -34,9 +34,9 @@ def as_front(
 ) -> Figure:
     """Read a figure so that it looks along +Z, for those to whom left is not right.
 
-    A file whose format says that it looks along -Z (VRM 0) is turned, unless `facing` is given.
+    A file whose format says that it looks along -Z (VRM 0) is turned, unless `facing` is given, or
+    other axes than the file's own were chosen, here or in `read`.
     """
     found = as_figure(figure, up=up, facing=facing)
-    if facing is None and isinstance(figure, str | os.PathLike) and looks_back(found):
-        return as_figure(figure, up=up, facing="-z")
-    return found
+    is_as_stored = facing is None and np.array_equal(found.world_from_file, np.eye(4))
+    return turn_round(found) if is_as_stored and looks_back(found) else found

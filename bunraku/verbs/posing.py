@@ -1,5 +1,6 @@
 """Avatars as performances: an avatar at rest and posed lets a figure take its poses."""
 
+import logging
 import re
 import time
 from collections.abc import Sequence
@@ -12,13 +13,14 @@ import numpy as np
 from jaxtyping import Float
 
 from bunraku import builtin
-from bunraku.errors import Code, announce, collecting_doubts
+from bunraku.errors import NOTE, Code, announce, collecting_doubts
 from bunraku.evaluate.pose import Paper
 from bunraku.evaluate.report import report_avatar_transfer
-from bunraku.formats import is_depth_folder
+from bunraku.formats import is_depth_folder, looks_back
 from bunraku.formats.files import Location, read_bytes
 from bunraku.formats.sniffing import sniff
 from bunraku.graphs import mesh_edges
+from bunraku.neural.avatars import CLIP
 from bunraku.neural.parts import Reader
 from bunraku.routes.from_avatar import AvatarTransfer, animate_from_avatar
 from bunraku.skinning import play_clip
@@ -26,6 +28,7 @@ from bunraku.types import Character, Figure, FormatError, Mesh
 from bunraku.verbs.failing import about
 from bunraku.verbs.figures import as_front
 
+logger = logging.getLogger(__name__)
 MESHES = (".glb", ".gltf", ".vrm", ".fbx", ".obj", ".ply", ".stl", ".off")
 REST = "rest"  # name of the file of an avatar at rest, in a folder of its own
 RATE = 24.0  # poses a second
@@ -110,7 +113,7 @@ def pose(
     if not 0 < rate < 1000:
         raise FormatError("--rate", "", f"is {rate}; wanted 1 to 1000", code=Code.OPTION)
     resting = _read_resting(rest)
-    poses = np.stack([_read_pose(resting, one) for one in posed])
+    poses = _head_as_rest(resting, posed, np.stack([_read_pose(resting, one) for one in posed]))
     name, avatar = resting.path, resting.mesh
     with about(found.path), collecting_doubts() as doubts:
         transfer = animate_from_avatar(
@@ -147,6 +150,27 @@ def avatar_files(folder: Location) -> tuple[Path, list[Path]]:
     return rest[0], posed
 
 
+def check_avatar(
+    folder: Location, clips: Sequence[str] | None, landmarks: object, *, contacts: bool
+) -> None:
+    """Refuse clips that poses do not have, and landmarks; say that no feet are planted anyway.
+
+    Raises:
+        FormatError: about the folder or the landmarks.
+    """
+    for name in clips or ():
+        if name != CLIP:
+            message = f"has no clip {name!r}; an avatar's poses are one clip, {CLIP!r}"
+            raise FormatError(folder, "", message, code=Code.CLIP_MISSING)
+    if landmarks is not None:
+        message = "name joints, which an avatar without a rig does not have; leave them out"
+        where = landmarks if isinstance(landmarks, str | Path) else "landmarks"
+        raise FormatError(where, "", message, code=Code.LANDMARKS)
+    if not contacts:
+        message = "an avatar's poses plant no feet, with contacts or without"
+        announce(folder, message, code=Code.OPTION, level=NOTE)
+
+
 def _meshes(place: Path) -> tuple[list[Path], list[Path]]:
     """List a folder's mesh files: those called rest, and the others."""
     files = [path for path in place.iterdir() if path.suffix.lower() in MESHES]
@@ -176,6 +200,25 @@ def _read_as_rest(resting: Figure, place: Location) -> Mesh:
     with about(str(place)):
         says = sniff(place, read_bytes(place)) in ("gltf", "fbx")
         return as_front(place, up=None if says else up).mesh
+
+
+def _head_as_rest(
+    resting: Figure, posed: Sequence[Location | Mesh], poses: Float[np.ndarray, "poses v 3"]
+) -> Float[np.ndarray, "poses v 3"]:
+    """Turn poses round if the rest was turned (VRM 0) and they are nearer to it then.
+
+    Asked of all files whose format says no heading together, for one tool made them, and a body in
+    a clip may turn its back.
+    """
+    if not looks_back(resting):
+        return poses
+    mute = [not isinstance(one, Mesh) and Path(one).suffix.lower() != ".vrm" for one in posed]
+    rest, found = (v - v.mean(axis=-2, keepdims=True) for v in (resting.mesh.vertices, poses[mute]))
+    half = np.array([-1.0, 1.0, -1.0])
+    if np.square(found * half - rest).sum() >= np.square(found - rest).sum():
+        return poses
+    logger.info("%s: poses look along -Z, as the avatar at rest does", resting.path)
+    return np.where(np.array(mute)[:, None, None], poses * half, poses)
 
 
 def _read_pose(resting: Figure, place: Location | Mesh) -> Float[np.ndarray, "v 3"]:

@@ -95,6 +95,9 @@ def train_deform(
         kind: person or quadruped.
         course: how long each phase is; as long as that of the built-in networks without.
         size: how many shapes; as many as in the paper without.
+
+    Raises:
+        ValueError: if course or size are of another kind, or the course of another seed.
     """
     need_torch("bunraku train")
     from bunraku.neural.corpus import KINDS, default_folder
@@ -107,9 +110,12 @@ def train_deform(
     size = size or SIZES[kind]
     need_people(size.labelled if kind == "person" else 0)
     course = course or training.Course(kind=kind, seed=seed)
+    wanted, found = (kind, kind, seed), (course.kind, size.kind, course.seed)
+    if wanted != found:
+        raise ValueError(f"kinds of course and size, and seed, are {found}; wanted {wanted}")
     work = Work(
         *(
-            "deform",
+            f"deform-{kind}",
             course,
             partial(load_implicit_corpus, default_folder(), size, seed, builtin.human()),
         ),
@@ -230,7 +236,7 @@ def _check_range(steps: int, until: int | None, minutes: float | None) -> int:
 
 
 def _find_start(place: Path, course: str, goal: int, *, resume: bool) -> bytes | None:
-    """Read the checkpoint to go on from; starting anew, refuse to lose one of the same course."""
+    """Read the checkpoint to go on from; starting anew, refuse to lose the one that is there."""
     from bunraku.neural.checkpoints import check_origin, read_origin
 
     if not resume and not place.is_file():
@@ -241,7 +247,8 @@ def _find_start(place: Path, course: str, goal: int, *, resume: bool) -> bytes |
         check_origin(notes, {"course": course})
     except ValueError as error:
         if not resume:
-            return None
+            message = "is not of this course; name another file with -o, or remove it to start anew"
+            raise FormatError(place, "", message, code=Code.OUT_PLACE) from error
         raise FormatError(place, "", str(error), code=Code.NETWORK) from error
     step = int(notes["step"])
     if not resume:

@@ -4,6 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bunraku.evaluate import capture_across
 from bunraku.evaluate.capture_across import (
     Row,
     Task,
@@ -20,6 +21,7 @@ from bunraku.evaluate.capture_across import (
 from bunraku.evaluate.families import Member, play_at
 from bunraku.evaluate.metrics import bone_direction_error
 from bunraku.evaluate.rendering import filmed_phases, view_from
+from bunraku.evaluate.results import append_row, read_rows
 from bunraku.rotations import vectors_to_matrices
 from bunraku.types import Mesh
 
@@ -75,7 +77,9 @@ def test_files_that_no_wanted_pair_can_need_are_not_read():
     assert may_perform("animals/Horse", ()) and may_perform("animals/Horse", ["animals"])
     assert may_perform("animals/Horse", ["Horse>Cow:walk"])
     assert not may_perform("animals/Fox", ["Horse>Cow:walk"])
-    assert not may_perform("animals/Fox", ["Fox:walk:side"])  # a row of the other table
+    for part in ("Cow:walk:side", "walk:side", ":side"):  # of whatever performs for the cow
+        assert may_perform("animals/Horse", [part])
+    assert not may_perform("animals/Fox", ["animals/Fox:walk:side"])  # a row of the other table
 
 
 def test_some_limbs_are_seen(creature, film):
@@ -87,6 +91,15 @@ def test_the_creature_moves_another_one(pair):
     row = measure(Task("made", *pair, "wave", "front"))
     assert not row.failure and row.bones >= 3
     assert row.angle < 0.5 * row.angle_static
+
+
+def test_a_pair_whose_bones_nobody_saw_fails_and_can_be_kept(pair, monkeypatch, tmp_path):
+    monkeypatch.setattr(capture_across, "seen_joints", lambda source, film: {})
+    row = measure(Task("made", *pair, "wave", "front"))
+    assert row.failure == "no bone was seen" and row.angle is None
+    append_row(tmp_path / "rows", row)
+    assert read_rows(tmp_path / "rows", Row) == {row.key(): row}
+    assert "no bone was seen" in describe(row) and "FAILED" in describe(replace(row, failure=""))
 
 
 def test_a_table_counts_failures_and_pairs_that_are_near_enough():

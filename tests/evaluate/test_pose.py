@@ -105,6 +105,15 @@ def test_the_papers_form_gets_its_rows_if_it_is_there(task):
     assert "paper" not in other.scores
 
 
+def test_a_form_that_refuses_a_figure_leaves_the_other_methods(task, caplog):
+    def refuse(avatar, poses, figure):
+        raise ValueError("wanted the surface of a quadruped")
+
+    row = pose.measure(task, read=Oracle(task), paper={"quadruped": refuse})
+    assert not row.failure and "ours" in row.scores and "paper" not in row.scores
+    assert row.paper_parts is None and "wanted the surface" in caplog.text
+
+
 def test_a_reader_that_fails_leaves_a_row_that_says_so(task):
     def fail(mesh, *, kind=None):
         raise ValueError("broken")

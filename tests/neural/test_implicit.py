@@ -13,9 +13,11 @@ from bunraku.neural.anatomy import PERSON, QUADRUPED  # noqa: E402
 from bunraku.neural.bodies import pose_body  # noqa: E402
 from bunraku.neural.corpus import draw_sculpted  # noqa: E402
 from bunraku.neural.implicit import adapting, form, poses, shape  # noqa: E402
+from bunraku.neural.implicit import corpus as implicit_corpus  # noqa: E402
 from bunraku.neural.implicit.corpus import (  # noqa: E402
     Size,
     build_implicit_corpus,
+    corpus_key,
     draw_queries,
     load_implicit_corpus,
 )
@@ -104,6 +106,18 @@ def test_a_corpus_is_read_back_and_knows_inside_from_outside(corpus, tmp_path):
         assert np.array_equal(getattr(built, name), array)
         assert np.array_equal(getattr(read, name), array)
     assert 0.1 < corpus.inside.mean() < 0.6
+
+
+def test_another_corpus_has_another_key(monkeypatch):
+    human = builtin.human()
+    fewer = dataclasses.replace(human, clips=human.clips[1:])
+    people = Size(labelled=1, unlabelled=0)
+    keys = {corpus_key(size, 0, who) for size in (TINY, people) for who in (human, fewer)}
+    assert len(keys) == 3  # animals take no poses from clips
+    for name, value in (("NOISE", 0.5), ("MARGIN", 0.5), ("FALL", 1.0), ("LABELLED_SPECIES", ())):
+        monkeypatch.setattr(implicit_corpus, name, value)
+        keys |= {corpus_key(size, 0, human) for size in (TINY, people)}
+    assert len(keys) == 3 + 2 + 2 + 1 + 1
 
 
 def test_a_box_is_occupied_inside_also_if_it_is_inside_out_or_open(cube):

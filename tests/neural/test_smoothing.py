@@ -22,6 +22,12 @@ def test_a_loose_piece_of_nearly_one_part_is_rigid_and_others_are_left(cube):
     assert np.array_equal(stiff[half:], weights[half:])
 
 
+def test_a_body_of_one_piece_keeps_its_limbs_however_large_its_chest(cube):
+    mesh = boxes(cube, [0.0, 0, 0])
+    weights = np.tile([0.1, 0.9], (len(mesh.vertices), 1))
+    assert np.array_equal(stiffen(weights, mesh), weights)
+
+
 def test_a_cloud_is_left_alone():
     weights = np.eye(3)
     assert stiffen(weights, Mesh(np.eye(3), np.zeros((0, 3), np.int64))) is weights

@@ -9,7 +9,12 @@ torch = pytest.importorskip("torch", reason="torch is not there: pip install bun
 pytest.importorskip("safetensors", reason="safetensors is not there: pip install bunraku[neural]")
 
 from bunraku import builtin  # noqa: E402
-from bunraku.neural.checkpoints import finished_weights  # noqa: E402
+from bunraku.neural.checkpoints import (  # noqa: E402
+    MOMENTS,
+    finished_weights,
+    read_tensors,
+    write_tensors,
+)
 from bunraku.neural.corpus import Size, build_corpus, draw_sculpted, load_corpus  # noqa: E402
 from bunraku.neural.network import ShapeNetwork, encode, spread_points  # noqa: E402
 from bunraku.neural.training import (  # noqa: E402
@@ -50,6 +55,15 @@ def test_a_checkpoint_of_another_course_is_refused(corpus):
     stored, _ = run(corpus)
     with pytest.raises(ValueError, match="not of Course"):
         run(corpus, dataclasses.replace(COURSE, steps=9), start=stored)
+
+
+@pytest.mark.parametrize("moment", MOMENTS)
+def test_a_checkpoint_without_some_of_a_parameter_s_moments_is_refused(corpus, moment):
+    notes, tensors = read_tensors(run(corpus, stop=lambda step: step == 1)[0])
+    lost = next(name for name in tensors if name.startswith(f"{moment}:"))
+    del tensors[lost]
+    with pytest.raises(ValueError, match=f"damaged.*{lost}"):
+        run(corpus, start=write_tensors(tensors, notes))
 
 
 def test_training_lowers_the_loss(corpus):

@@ -43,6 +43,12 @@ def test_a_pixel_lost_within_the_subject_and_a_rim_are_noise():
     assert len(find_strays(places, find_nearest_shown(depth), INTRINSICS)[0]) == 0
 
 
+def test_beside_nothing_nothing_sticks_out():
+    empty = find_nearest_shown(np.zeros((48, 64)))
+    places = np.array([point(24, 30, 2.0), point(2, 60, 3.0)])
+    assert len(find_strays(places, empty, INTRINSICS)[0]) == 0
+
+
 def test_points_out_of_the_picture_come_back_to_it(nearest):
     stray, ways = find_strays(np.array([point(24, 200, 2.0)]), nearest, INTRINSICS)
     assert len(stray) == 1 and ways[0, 0] < 0

@@ -219,6 +219,10 @@ def test_training_anew_does_not_lose_a_checkpoint(train, tmp_path):
     with pytest.raises(FormatError, match="go on with --resume") as caught:
         train()
     assert caught.value.code is Code.OUT_PLACE
+    with pytest.raises(FormatError, match="not of this course; name another file") as caught:
+        train(steps=2)
+    assert caught.value.code is Code.OUT_PLACE
+    (tmp_path / "net.checkpoint").unlink()
     assert "trained 2 steps" in train(steps=2)
 
 
@@ -263,6 +267,17 @@ def test_an_avatar_in_a_folder_is_a_performance(avatar, poses, tmp_path):
         bunraku.animate(figure, folder, ["Walk"])
 
 
+def test_an_avatar_has_one_clip_and_no_joints(avatar, poses, cube, tmp_path, caplog):
+    folder = write_avatar(tmp_path / "avatar", avatar, poses)
+    with pytest.raises(FormatError, match="'capture'; an avatar's poses are one clip, 'pose'"):
+        bunraku.animate(cube, folder, ["capture"])
+    with pytest.raises(FormatError, match="which an avatar without a rig does not have"):
+        bunraku.animate(cube, folder, ["pose"], landmarks={"tail": (0.0, 0.0, 0.0)})
+    with caplog.at_level("INFO"):
+        posing.check_avatar(folder, ["pose"], None, contacts=False)
+    assert "plant no feet" in caplog.text
+
+
 def test_folders_that_are_no_avatar_say_why(avatar, poses, tmp_path):
     folder = write_avatar(tmp_path / "avatar", avatar, poses)
     for path in folder.glob("pose-*"):
@@ -278,8 +293,10 @@ def test_folders_that_are_no_avatar_say_why(avatar, poses, tmp_path):
     assert not posing.is_avatar_folder(folder)
 
 
-def test_a_figure_that_looks_back_is_turned_for_those_who_know_left_from_right(tmp_path):
-    """VRM 0 looks along -Z by definition; the same surface as plain glTF does not."""
+@pytest.fixture(scope="module")
+def plain_and_back(tmp_path_factory):
+    """A figure as plain glTF, and as VRM 0, which looks along -Z by definition."""
+    tmp_path = tmp_path_factory.mktemp("looking")
     rigged = bunraku.rig(builtin.figure_paths()["stylised"], force=True)
     bunraku.write(tmp_path / "plain.glb", rigged)
     plain = (tmp_path / "plain.glb").read_bytes()
@@ -292,8 +309,48 @@ def test_a_figure_that_looks_back_is_turned_for_those_who_know_left_from_right(t
     chunk = len(text).to_bytes(4, "little") + b"JSON" + text + plain[20 + length :]
     whole = plain[:8] + (12 + len(chunk)).to_bytes(4, "little") + chunk
     (tmp_path / "back.vrm").write_bytes(whole)
-    front, back = (as_front(tmp_path / name) for name in ("plain.glb", "back.vrm"))
-    turned = front.mesh.vertices * [-1.0, 1.0, -1.0]
-    assert np.allclose(back.mesh.vertices, turned)
-    kept = as_front(tmp_path / "back.vrm", facing="+z")
+    return tmp_path / "plain.glb", tmp_path / "back.vrm"
+
+
+def test_a_figure_that_looks_back_is_turned_for_those_who_know_left_from_right(plain_and_back):
+    front, back = (as_front(place) for place in plain_and_back)
+    turned = bunraku.read(plain_and_back[1], facing="-z")
+    assert np.allclose(back.mesh.vertices, front.mesh.vertices * [-1.0, 1.0, -1.0])
+    kept = as_front(plain_and_back[1], facing="+z")
     assert np.allclose(kept.mesh.vertices, front.mesh.vertices)
+    for figure in (bunraku.read(plain_and_back[1]), turned):  # turned once, and no more
+        again = as_front(figure)
+        assert np.allclose(again.mesh.vertices, back.mesh.vertices)
+        assert np.allclose(again.world_from_file, turned.world_from_file)
+        assert np.allclose(again.document.world_from_mesh, turned.document.world_from_mesh)
+
+
+def test_poses_that_say_no_heading_have_that_of_a_rest_that_looks_back(
+    plain_and_back, cube, tmp_path, monkeypatch
+):
+    """Files in the rest's own axes and files already turned are read alike, turns included."""
+    given = []
+
+    def keep(read, rest, poses, figure, **options):
+        given.append((rest.vertices, *poses))
+        raise MatchError("enough is known")
+
+    monkeypatch.setattr(posing, "load_reader", lambda network, seed: None)
+    monkeypatch.setattr(posing, "animate_from_avatar", keep)
+    raw, half = bunraku.read(plain_and_back[1]).mesh, np.array([-1.0, 1.0, -1.0])
+    spun = [Mesh(v, raw.faces) for v in (raw.vertices, raw.vertices, raw.vertices * half)]
+    round_ = [Mesh(mesh.vertices * half, raw.faces) for mesh in spun]
+    for name, meshes in (("raw", spun), ("round", round_)):
+        for poses in (meshes, write_objs(tmp_path / name, *meshes)):
+            with pytest.raises(MatchError):
+                bunraku.pose(cube, plain_and_back[1], poses)
+    rest = raw.vertices * half
+    wanted = np.stack([rest, rest, rest, raw.vertices])
+    assert np.allclose(given[1], wanted, atol=1e-6) and np.allclose(given[3], wanted, atol=1e-6)
+    assert np.allclose(given[2], wanted, atol=1e-6)  # arrays are taken as they are
+    assert np.allclose(given[0][1:], [mesh.vertices for mesh in spun], atol=1e-6)
+
+
+def test_another_axis_up_leaves_the_heading_to_custom(plain_and_back):
+    plain, back = (as_front(place, up="z").mesh.vertices for place in plain_and_back)
+    assert np.allclose(plain, back)

@@ -8,6 +8,7 @@ import pytest
 
 from bunraku.errors import Code
 from bunraku.types import FormatError
+from bunraku.verbs import training
 from bunraku.verbs.training import train_deform, train_shape
 
 pytest.importorskip("torch", reason="torch is not there: pip install bunraku[neural]")
@@ -67,6 +68,20 @@ def test_training_that_cannot_be_says_why(tmp_path):
         train(out, until=221)
     with pytest.raises(FormatError, match=r"net\.checkpoint"):
         train(out, resume=True)
+
+
+@pytest.mark.parametrize("other", [{"kind": "person"}, {"seed": 1}])
+def test_a_course_of_another_kind_or_seed_is_refused(other, monkeypatch):
+    monkeypatch.setattr(training, "need_people", lambda count: None)
+    with pytest.raises(ValueError, match="kinds of course and size, and seed, are"):
+        train_deform(**{"kind": "quadruped", "course": COURSE, "size": SIZE} | other)
+
+
+def test_the_two_kinds_have_files_of_their_own(tmp_path, monkeypatch):
+    monkeypatch.setattr(training, "_train", lambda work, out, **options: work.name)
+    monkeypatch.setattr(training, "need_people", lambda count: None)
+    names = [train_deform(kind=kind) for kind in ("person", "quadruped")]
+    assert names == ["deform-person", "deform-quadruped"]
 
 
 def test_a_course_may_begin_with_weights_and_says_so(tmp_path):

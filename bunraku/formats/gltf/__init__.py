@@ -2,7 +2,7 @@
 
 from bunraku.formats.gltf.character import read_character
 from bunraku.formats.gltf.description import describe
-from bunraku.formats.gltf.figure import looks_back, read_figure
+from bunraku.formats.gltf.figure import looks_back, read_figure, turn_round
 from bunraku.formats.gltf.writing import encode_character, encode_mesh
 
 __all__ = [
@@ -12,4 +12,5 @@ __all__ = [
     "looks_back",
     "read_character",
     "read_figure",
+    "turn_round",
 ]

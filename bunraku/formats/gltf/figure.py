@@ -1,6 +1,6 @@
 """Read a glTF file as a figure, or as a character with its clips."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -67,6 +67,24 @@ def looks_back(figure: Figure) -> bool:
     """Tell whether a figure looks along -Z in its file, as VRM 0 does by definition."""
     kept = figure.document
     return isinstance(kept, FigureDocument) and "VRM" in kept.document.gltf.extensions_used
+
+
+def turn_round(figure: Figure) -> Figure:
+    """Turn a glTF figure by half a turn about Y: one that looked along -Z looks along +Z."""
+    kept = figure.document
+    assert isinstance(kept, FigureDocument)
+    half = np.diag([-1.0, 1.0, -1.0, 1.0])
+    turned = replace(
+        kept,
+        world_from_mesh=half @ kept.world_from_mesh,
+        world_from_file=half @ kept.world_from_file,
+    )
+    return replace(
+        figure,
+        mesh=replace(figure.mesh, vertices=figure.mesh.vertices @ half[:3, :3]),
+        document=turned,
+        world_from_file=half @ figure.world_from_file,
+    )
 
 
 def build_figure(

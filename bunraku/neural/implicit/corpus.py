@@ -4,6 +4,7 @@ As many of each as in the paper [ZPT 4.1], from families that may be used: of pe
 `anny`, and 600 stylised ones; of quadrupeds 34 sculpted cats, dogs and horses, and 81 others.
 """
 
+import hashlib
 import logging
 from dataclasses import astuple, dataclass
 from pathlib import Path
@@ -17,7 +18,7 @@ from bunraku.neural.accessories import dress_up
 from bunraku.neural.anatomy import PERSON
 from bunraku.neural.bodies import Body, check_body, sample_cloud
 from bunraku.neural.corpus import BUILD, anny_version, draw_sculpted, keep_arrays
-from bunraku.neural.known_poses import known_turns, stance
+from bunraku.neural.known_poses import FALL, known_turns, stance
 from bunraku.neural.people import build_people
 from bunraku.neural.sculpted_quadrupeds import HELD_OUT, SPECIES
 from bunraku.neural.variation import arm_turns, chain_turns, scale_parts, vary_body
@@ -63,12 +64,23 @@ def load_implicit_corpus(folder: Path, size: Size, seed: int, human: Character) 
     Raises:
         ModuleNotFoundError: if people are wanted and anny is not there.
     """
-    made_by = anny_version() if size.kind == PERSON.kind else "none"
-    key = repr((BUILD, astuple(size), seed, SURFACE, NEAR, FAR, np.__version__, made_by))
     arrays = keep_arrays(
-        folder, "implicit", key, lambda: vars(build_implicit_corpus(size, seed, human))
+        *(folder, "implicit", corpus_key(size, seed, human)),
+        lambda: vars(build_implicit_corpus(size, seed, human)),
     )
     return ImplicitCorpus(**arrays)
+
+
+def corpus_key(size: Size, seed: int, human: Character) -> str:
+    """Tell all that a corpus depends on, the poses of the human's clips by their digest."""
+    made_by: tuple[object, ...]
+    if size.kind == PERSON.kind:
+        turns = np.ascontiguousarray(known_turns(human))
+        made_by = anny_version(), FALL, hashlib.sha256(turns.tobytes()).hexdigest()
+    else:
+        made_by = LABELLED_SPECIES, tuple(sorted(SPECIES)), tuple(sorted(HELD_OUT))
+    drawn = SURFACE, NEAR, FAR, NOISE, MARGIN
+    return repr((BUILD, astuple(size), seed, *drawn, np.__version__, *made_by))
 
 
 def build_implicit_corpus(size: Size, seed: int, human: Character) -> ImplicitCorpus:
