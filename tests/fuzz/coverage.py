@@ -60,7 +60,11 @@ def search(kind: str, *, seconds: float, seed: int) -> None:
         rng = np.random.default_rng(seed)
         if rng.random() < MIXED:
             return atheris.Mutate(content, longest)
-        return run.damage(kind, content, rng)[:longest]
+        try:
+            return run.damage(kind, content, rng)[:longest]
+        except Exception as error:  # an error in a mutator leaves libFuzzer waiting for ever
+            print(f"no mutant made: {type(error).__name__}: {error}", file=sys.stderr, flush=True)
+            return content[:longest]
 
     options = [f"-seed={seed + 1}", f"-max_len={LONGEST}"]
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss >> 10  # of whoever started this, too

@@ -360,7 +360,7 @@ def mutate_json(document: Any, rng: Generator) -> None:
 def _list_places(document: Any) -> list[tuple[Any, Any]]:
     """List every value in a tree of JSON: what holds it, and its key or place there."""
     places: list[tuple[Any, Any]] = []
-    waiting = [document]
+    waiting = [document] if isinstance(document, dict | list) else []
     while waiting:
         item = waiting.pop()
         keys = list(item) if isinstance(item, dict) else list(range(len(item)))

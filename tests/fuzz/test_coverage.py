@@ -72,3 +72,10 @@ def test_a_search_that_hangs_ends_itself_and_tells_where():
     run = run_search("-c", hang)
     assert run.returncode == 1
     assert HUNG in run.stderr and "read_one" in run.stderr
+
+
+def test_a_mutator_that_fails_does_not_hang_the_search():
+    broken = "import tests.fuzz.coverage as c; r = c.run; "
+    broken += "r.damage = lambda kind, content, rng: 1 / 0; c.search('off', seconds=3, seed=0)"
+    run = run_search("-c", broken)
+    assert run.returncode == 0 and "no mutant made: ZeroDivisionError" in run.stderr

@@ -97,3 +97,12 @@ def test_mutants_differ_and_come_again_with_their_number():
 def test_mutations_repeat_with_their_generator():
     (seed,) = make_seeds()["bvh"]
     assert mutate(seed, np.random.default_rng(1)) == mutate(seed, np.random.default_rng(1))
+
+
+@pytest.mark.parametrize("text", [b"7", b"null", b'"x"', b"[]", b"[1, [2]]"])
+def test_any_json_in_a_container_can_be_mutated(text, rng):
+    """A tree without branches has no place to change, and is no reason to fail."""
+    chunk = text + b" " * (-len(text) % 4)
+    content = b"glTF" + struct.pack("<IIII", 2, 20 + len(chunk), len(chunk), 0x4E4F534A) + chunk
+    for _ in range(40):
+        assert isinstance(mutate(content + b"\0" * 16, rng), bytes)
