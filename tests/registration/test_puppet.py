@@ -244,3 +244,10 @@ def test_a_rig_of_one_joint_is_a_puppet(creature):
     np.testing.assert_array_equal(puppet.parents, [-1])
     moved, _ = move_puppet(puppet, rest_pose(puppet))
     np.testing.assert_allclose(moved, puppet.vertices, atol=1e-12)
+
+
+def test_a_small_joint_is_carried_by_the_joint_that_it_was_merged_into(rod):
+    """A foot off the root, one off nothing: with the leg. A finger stays on its hand's chain."""
+    merged = replace(rod, owners=np.array([0, 1, 1, 1, 1, 1]))
+    parents = np.array([-1, 0, 0, -1, 1, 4])
+    np.testing.assert_array_equal(tree_of_places(merged, parents), [-1, 0, 1, 1, 1, 4])
